@@ -1,0 +1,29 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-slow lint clean
+
+## demo: cut the liver, train the baseline for three minutes, compare it with the scripts; results in runs/demo/
+demo: $(VENV)/.installed
+	$(BIN)/python -m agents demo --out runs/demo
+
+## test: everything that is checked on each change
+test: $(VENV)/.installed lint
+	$(BIN)/python -m pytest
+
+## test-slow: what takes longer, such as the trained baseline's figures and the long stability runs
+test-slow: $(VENV)/.installed
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+$(VENV)/.installed: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) runs dist build .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,77 @@
+"""The one decorator for compiled functions, with a cache on disk that cannot go stale.
+
+numba stamps a cached function with the date of its own file, so a change in a function that it calls from another file
+goes unseen. Here the cache folder of a kernel is named by a hash of its own file and of every file of these packages that it
+imports, directly or not: a change anywhere a kernel can reach opens a fresh folder, a change elsewhere costs nothing.
+"""
+
+import ast
+import hashlib
+import os
+import pathlib
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+import numba
+
+_settings: Any = numba.config
+
+
+def cache_root() -> pathlib.Path:
+    """Return the user's folder for compiled kernels, which need not lie beside a read-only install."""
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return pathlib.Path(os.environ["NUMBA_CACHE_DIR"])
+    return pathlib.Path(os.environ.get("XDG_CACHE_HOME", pathlib.Path.home() / ".cache")) / "gmapspring"
+
+
+@cache
+def _imported_files(source: pathlib.Path, root: pathlib.Path) -> tuple[pathlib.Path, ...]:
+    """List the files under root that a source file imports by absolute names."""
+    return tuple(file for name in _imported_names(ast.parse(source.read_bytes())) for file in _files_of(name, root))
+
+
+def _imported_names(tree: ast.AST) -> Iterator[str]:
+    """Name every module that a syntax tree imports, and every name it takes from one: that may be a module too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _files_of(name: str, root: pathlib.Path) -> list[pathlib.Path]:
+    """Return the file of a module under root, if there is one."""
+    base = root.joinpath(*name.split("."))
+    return [file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()]
+
+
+@cache
+def _cache_folder(source: pathlib.Path, root: pathlib.Path) -> str:
+    """Return the cache folder for the kernels of one file: a hash of all sources they can reach, and of numba's version."""
+    reached, waiting = {source}, [source]
+    while waiting:
+        new = set(_imported_files(waiting.pop(), root)) - reached
+        reached |= new
+        waiting.extend(new)
+    digest = hashlib.sha256(numba.__version__.encode())
+    for file in sorted(reached):
+        digest.update(file.relative_to(root).as_posix().encode())
+        digest.update(file.read_bytes())
+    return str(cache_root() / f"{source.stem}-{digest.hexdigest()[:16]}")
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function for the inner loops: no interpreter lock, IEEE arithmetic, cached on disk."""
+    source = pathlib.Path(function.__code__.co_filename)
+    depth = function.__module__.count(".") + (source.name == "__init__.py")
+    is_package_file = source.is_file() and len(source.parents) > depth
+    before = _settings.CACHE_DIR
+    if is_package_file:
+        # The cache folder of a function is fixed when it is decorated: other users of numba keep their own.
+        _settings.CACHE_DIR = _cache_folder(source, source.parents[depth])
+    try:
+        return numba.njit(function, cache=is_package_file, nogil=True, error_model="numpy", boundscheck=False)
+    finally:
+        _settings.CACHE_DIR = before
