@@ -1,0 +1,114 @@
+"""Building the map of a tetrahedral mesh: glue the faces, then number vertices, edges and components."""
+
+import numpy as np
+
+from gmapspring.jit import kernel
+from gmapspring.topology.cells import assign_cell, recount_link
+from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS
+from gmapspring.topology.gmap import EDGE, N_EDGES, N_LABELS, N_TETRAHEDRA, N_VERTICES, NO_DART, VERTEX, GMap, link_faces
+from gmapspring.topology.walks import lowest_dart, walk_component
+
+
+def empty_gmap(n_tetrahedra: int) -> GMap:
+    """Make the arrays of a map, every face free and no cell numbered; untouched rows cost no memory until used."""
+    n = n_tetrahedra
+    slots = np.arange(4 * n, dtype=np.int32).reshape(n, 4)
+    return GMap(
+        image=6 * slots,
+        vertex_of=np.full((n, 4), -1, dtype=np.int32),
+        edge_of=np.full((n, 6), -1, dtype=np.int32),
+        component_of=np.full(n, -1, dtype=np.int32),
+        vertex_dart=np.zeros(4 * n, dtype=np.int32),
+        edge_dart=np.zeros(6 * n, dtype=np.int32),
+        link=np.zeros((4 * n, 3), dtype=np.int32),
+        counts=np.zeros(5, dtype=np.int64),
+        mark=np.zeros(n, dtype=np.int32),
+        queue=np.zeros(n, dtype=np.int32),
+    )
+
+
+def build_gmap(tetrahedra: np.ndarray, n_points: int) -> GMap:
+    """Build the map of positively oriented tetrahedra, int (n, 4), gluing those that share three points.
+
+    Vertex numbers are the points' own; where the tetrahedra at a point are not connected through faces, the point becomes several
+    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts.
+    """
+    gmap = empty_gmap(len(tetrahedra))
+    corners = np.ascontiguousarray(tetrahedra, dtype=np.int64)
+    glue_faces(gmap.image, corners, n_points)
+    number_cells(gmap, corners, n_points)
+    return gmap
+
+
+@kernel
+def glue_faces(image, corners, n_points):
+    """Link every pair of faces on the same three points; faces are sorted into buckets by their lowest point."""
+    n_slots = 4 * len(corners)
+    start = np.zeros(n_points + 1, dtype=np.int64)
+    lowest = np.empty(n_slots, dtype=np.int64)
+    for slot in range(n_slots):
+        face = FACE_CORNERS[slot & 3]
+        tetrahedron = corners[slot >> 2]
+        lowest[slot] = min(tetrahedron[face[0]], tetrahedron[face[1]], tetrahedron[face[2]])
+        start[lowest[slot] + 1] += 1
+    fill = np.zeros(n_points, dtype=np.int64)
+    for point in range(n_points):
+        fill[point] = start[point]
+        start[point + 1] += start[point]
+    bucket = np.empty(n_slots, dtype=np.int64)
+    for slot in range(n_slots):
+        bucket[fill[lowest[slot]]] = slot
+        fill[lowest[slot]] += 1
+    for point in range(n_points):
+        for i in range(start[point], start[point + 1]):
+            for j in range(i + 1, start[point + 1]):
+                if glue_if_same(image, corners, bucket[i], bucket[j]):
+                    break
+
+
+@kernel
+def glue_if_same(image, corners, slot, other):
+    """Link two faces if they lie on the same three points; tell whether they do."""
+    face = FACE_CORNERS[slot & 3]
+    a = corners[slot >> 2, face[0]]
+    b = corners[slot >> 2, face[1]]
+    c = corners[slot >> 2, face[2]]
+    for corner in FACE_CORNERS[other & 3]:
+        point = corners[other >> 2, corner]
+        if point != a and point != b and point != c:
+            return False
+    for k in range(6):
+        # alpha_0 exchanges k and k^1: the two ends of the first edge.
+        start = corners[other >> 2, CORNER_OF_DART[6 * (other & 3) + k]]
+        end = corners[other >> 2, CORNER_OF_DART[6 * (other & 3) + (k ^ 1)]]
+        if start == a and end == b:
+            link_faces(image, 6 * slot, 6 * other + k)
+    return True
+
+
+@kernel
+def number_cells(gmap, corners, n_points):
+    """Number vertices, edges and components and count the links, from the gluings alone."""
+    gmap.vertex_dart[:n_points] = NO_DART
+    gmap.counts[N_VERTICES] = n_points
+    for tetrahedron in range(len(corners)):
+        for corner in range(4):
+            if gmap.vertex_of[tetrahedron, corner] < 0:
+                vertex = corners[tetrahedron, corner]
+                if gmap.vertex_dart[vertex] != NO_DART:
+                    vertex = gmap.counts[N_VERTICES]
+                    gmap.counts[N_VERTICES] += 1
+                gmap.vertex_dart[vertex] = lowest_dart(VERTEX, 4 * tetrahedron + corner)
+                assign_cell(gmap, VERTEX, np.int64(gmap.vertex_dart[vertex]), vertex)
+        for edge in range(6):
+            if gmap.edge_of[tetrahedron, edge] < 0:
+                gmap.edge_dart[gmap.counts[N_EDGES]] = lowest_dart(EDGE, 6 * tetrahedron + edge)
+                assign_cell(gmap, EDGE, lowest_dart(EDGE, 6 * tetrahedron + edge), gmap.counts[N_EDGES])
+                gmap.counts[N_EDGES] += 1
+        if gmap.component_of[tetrahedron] < 0:
+            for member in gmap.queue[: walk_component(gmap, tetrahedron, gmap.queue)]:
+                gmap.component_of[member] = gmap.counts[N_LABELS]
+            gmap.counts[N_LABELS] += 1
+    for vertex in range(gmap.counts[N_VERTICES]):
+        recount_link(gmap, vertex)
+    gmap.counts[N_TETRAHEDRA] = len(corners)

@@ -1,0 +1,244 @@
+"""The numbers of vertices and edges, kept true while faces are unlinked and linked: topology alone.
+
+A cut is settled in three moves. `open_faces` unlinks everything. `settle_cells` finds the pieces of every old vertex or edge
+that was touched: the piece that holds the old cell's lowest dart keeps its number, each other piece gets a new one at the
+end. `compact_cells` fills the rows of cells that died with the last ones. The result depends on the set of cuts alone,
+not on their order.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gmapspring.jit import kernel
+from gmapspring.topology.darts import CORNER_EDGES, CORNER_FACES, EDGE_CORNERS, FACE_CORNERS, FACE_EDGES
+from gmapspring.topology.gmap import EDGE, EDGES, FACES, N_TETRAHEDRA, NO_DART, TETRAHEDRA, VERTEX, alpha3, neighbour, unlink_face
+from gmapspring.topology.walks import code_of_dart, lowest_dart, sort, walk_cell, walk_vertex
+
+
+class Settled(NamedTuple):
+    """What settling or merging did to the cells of one dimension."""
+
+    pairs: np.ndarray
+    """(kept, new) where a cell split, (kept, gone) where two merged, int64 (k, 2)."""
+    changed: np.ndarray
+    """Cells whose tetrahedra may have changed, the new ones included, int64 (k,)."""
+    dead: np.ndarray
+    """Cells that have no tetrahedron left, ascending, int64 (k,)."""
+
+
+@kernel
+def open_faces(gmap, slots, removed):
+    """Unlink faces and whole tetrahedra; return the slots that became free, the two sides of a face one after the other."""
+    opened = np.empty(2 * len(slots) + 8 * len(removed), dtype=np.int64)
+    n_opened = 0
+    for slot in slots:
+        if neighbour(gmap.image, slot >> 2, slot & 3) != slot:
+            opened[n_opened] = slot
+            opened[n_opened + 1] = unlink_face(gmap.image, slot)
+            n_opened += 2
+    for tetrahedron in removed:
+        for face in range(4):
+            slot = 4 * tetrahedron + face
+            if neighbour(gmap.image, tetrahedron, face) != slot:
+                opened[n_opened] = slot
+                opened[n_opened + 1] = unlink_face(gmap.image, slot)
+                n_opened += 2
+        gmap.component_of[tetrahedron] = -1
+    gmap.counts[N_TETRAHEDRA] -= len(removed)
+    return opened[:n_opened]
+
+
+@kernel
+def forget_removed(cell_of, dart_of, removed):
+    """Take removed tetrahedra out of their cells, mark those cells as touched, and return their numbers."""
+    per = cell_of.shape[1]
+    left = np.empty(per * len(removed), dtype=np.int64)
+    n_left = 0
+    for tetrahedron in removed:
+        for local in range(per):
+            cell = cell_of[tetrahedron, local]
+            cell_of[tetrahedron, local] = -1
+            if dart_of[cell] != NO_DART:
+                dart_of[cell] = NO_DART
+                left[n_left] = cell
+                n_left += 1
+    return left[:n_left]
+
+
+@kernel
+def touched_edges(gmap, opened):
+    """Mark the edges of freed faces as touched; return the codes 6*tetrahedron + edge of live tetrahedra."""
+    codes = np.empty(3 * len(opened), dtype=np.int64)
+    n_codes = 0
+    for slot in opened:
+        tetrahedron = slot >> 2
+        if gmap.component_of[tetrahedron] < 0:
+            continue
+        for edge in FACE_EDGES[slot & 3]:
+            gmap.edge_dart[gmap.edge_of[tetrahedron, edge]] = NO_DART
+            codes[n_codes] = 6 * tetrahedron + edge
+            n_codes += 1
+    return codes[:n_codes]
+
+
+@kernel
+def touched_vertices(gmap, opened, new_edges):
+    """Return the codes 4*tetrahedron + corner at which a vertex can have split; count the freed faces at all others.
+
+    A vertex splits only where one of its edges does: two pieces of its star that came apart at a face
+    are in different pieces round an edge of that face. Vertices of removed tetrahedra are marked already.
+    """
+    for new in new_edges:
+        code = code_of_dart(EDGE, np.int64(gmap.edge_dart[new]))
+        for corner in EDGE_CORNERS[code % 6]:
+            gmap.vertex_dart[gmap.vertex_of[code // 6, corner]] = NO_DART
+    codes = np.empty(3 * len(opened), dtype=np.int64)
+    n_codes = 0
+    for i in range(len(opened)):
+        tetrahedron = opened[i] >> 2
+        if gmap.component_of[tetrahedron] < 0:
+            continue
+        for corner in FACE_CORNERS[opened[i] & 3]:
+            vertex = gmap.vertex_of[tetrahedron, corner]
+            if gmap.vertex_dart[vertex] == NO_DART:
+                codes[n_codes] = 4 * tetrahedron + corner
+                n_codes += 1
+            else:
+                gmap.link[vertex, FACES] += i % 2  # one face has become two: one more, for the two sides together
+    return codes[:n_codes]
+
+
+@kernel
+def settle_cells(gmap, dimension, codes, left):
+    """Number the pieces of touched cells; codes lie in every piece, left are cells that lost removed tetrahedra."""
+    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
+    dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
+    per = cell_of.shape[1]
+    old = np.empty(len(codes), dtype=np.int64)
+    first = np.empty(len(codes), dtype=np.int64)
+    n_pieces = 0
+    for code in codes:
+        cell = np.int64(cell_of[code // per, code % per])
+        if cell < -1:
+            continue  # in a piece that has been found
+        lowest = NO_DART
+        for member in gmap.queue[: walk_cell(gmap, dimension, code, gmap.queue)]:
+            cell_of[member // per, member % per] = -2 - n_pieces
+            lowest = min(lowest, lowest_dart(dimension, np.int64(member)))
+        old[n_pieces] = cell
+        first[n_pieces] = lowest
+        dart_of[cell] = min(np.int64(dart_of[cell]), lowest)
+        n_pieces += 1
+    new = np.empty((n_pieces, 2), dtype=np.int64)
+    changed = np.empty(n_pieces, dtype=np.int64)
+    n_new = 0
+    for piece in range(n_pieces):
+        cell = old[piece]
+        if first[piece] != dart_of[cell]:
+            cell = gmap.counts[dimension]
+            gmap.counts[dimension] += 1
+            dart_of[cell] = first[piece]
+            new[n_new, 0] = old[piece]
+            new[n_new, 1] = cell
+            n_new += 1
+        changed[piece] = cell
+        assign_cell(gmap, dimension, first[piece], cell)
+    return Settled(new[:n_new], changed, dead_cells(dart_of, left))
+
+
+@kernel
+def dead_cells(dart_of, left):
+    """Return those of the cells that have no dart, ascending."""
+    dead = np.empty(len(left), dtype=np.int64)
+    n_dead = 0
+    for cell in left:
+        if dart_of[cell] == NO_DART:
+            dead[n_dead] = cell
+            n_dead += 1
+    sort(dead[:n_dead])
+    return dead[:n_dead]
+
+
+@kernel
+def assign_cell(gmap, dimension, dart, cell):
+    """Give a number to every corner (dimension 0) or edge (1) of the cell that a dart belongs to."""
+    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
+    per = cell_of.shape[1]
+    for member in gmap.queue[: walk_cell(gmap, dimension, code_of_dart(dimension, dart), gmap.queue)]:
+        cell_of[member // per, member % per] = cell
+
+
+@kernel
+def recount_link(gmap, vertex):
+    """Count the edges, faces and tetrahedra around a vertex."""
+    code = code_of_dart(VERTEX, np.int64(gmap.vertex_dart[vertex]))
+    n_tetrahedra = walk_vertex(gmap, code >> 2, code & 3, gmap.queue)
+    n_edges = 0
+    n_free = 0
+    for member in gmap.queue[:n_tetrahedra]:
+        tetrahedron = np.int64(member) >> 2
+        corner = member & 3
+        for j in range(3):
+            # An edge is counted in the tetrahedron of its lowest dart, hence once.
+            n_edges += gmap.edge_dart[gmap.edge_of[tetrahedron, CORNER_EDGES[corner, j]]] // 24 == tetrahedron
+            face = CORNER_FACES[corner, j]
+            n_free += neighbour(gmap.image, tetrahedron, face) == 4 * tetrahedron + face
+    gmap.link[vertex, EDGES] = n_edges
+    gmap.link[vertex, FACES] = (3 * n_tetrahedra + n_free) // 2
+    gmap.link[vertex, TETRAHEDRA] = n_tetrahedra
+
+
+@kernel
+def compact_cells(gmap, dimension, dead):
+    """Move the last cells into the rows of dead ones; return the moves (from, to), each row moving at most once."""
+    dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
+    n_kept = gmap.counts[dimension] - len(dead)
+    moved = np.empty((len(dead), 2), dtype=np.int64)
+    n_moved = 0
+    for cell in range(n_kept, gmap.counts[dimension]):
+        if dart_of[cell] == NO_DART:
+            continue
+        hole = dead[n_moved]
+        dart_of[hole] = dart_of[cell]
+        if dimension == VERTEX:
+            for i in range(3):
+                gmap.link[hole, i] = gmap.link[cell, i]
+        assign_cell(gmap, dimension, np.int64(dart_of[cell]), hole)
+        moved[n_moved, 0] = cell
+        moved[n_moved, 1] = hole
+        n_moved += 1
+    gmap.counts[dimension] = n_kept
+    return moved[:n_moved]
+
+
+@kernel
+def merge_cells(gmap, dimension, dart):
+    """Merge the cells on the two sides of a face that has just been linked: the lower number stays.
+
+    Its lowest dart is the lower of the two.
+    """
+    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
+    dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
+    per = cell_of.shape[1]
+    merged = np.empty((3, 2), dtype=np.int64)
+    changed = np.empty(3, dtype=np.int64)
+    n_merged = 0
+    for side in range(3):
+        here = dart // 6 * 6 + 2 * side
+        code = code_of_dart(dimension, here)
+        other = code_of_dart(dimension, alpha3(gmap.image, here))
+        first = np.int64(cell_of[code // per, code % per])
+        second = np.int64(cell_of[other // per, other % per])
+        kept = min(first, second)
+        changed[side] = kept
+        if first != second:
+            gone = max(first, second)
+            dart_of[kept] = min(np.int64(dart_of[kept]), np.int64(dart_of[gone]))
+            dart_of[gone] = NO_DART
+            assign_cell(gmap, dimension, np.int64(dart_of[kept]), kept)
+            merged[n_merged, 0] = kept
+            merged[n_merged, 1] = gone
+            n_merged += 1
+    return Settled(merged[:n_merged], changed, dead_cells(dart_of, merged[:n_merged, 1].copy()))
+
