@@ -1,0 +1,267 @@
+"""The body: nodes, springs and tetrahedra in compact arrays, and the map that says how they hang together.
+
+Everything mechanical is owned by tetrahedra and summed over cells: a node's mass is a quarter of the mass of each tetrahedron
+around its vertex, a spring's stiffness is E V / l^2 summed over the tetrahedra round its edge (Van Gelder, "Approximate
+simulation of elastic membranes by triangulated spring meshes", 1998). Row i of the nodes is vertex i of the map, row i of the
+springs is edge i.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gmapspring.mesh import Mesh
+from gmapspring.topology import gmap as topology
+from gmapspring.topology.build import build_gmap
+from gmapspring.topology.darts import EDGE_CORNERS, OUTWARD_FACE_CORNERS
+from gmapspring.topology.gmap import N_EDGES, N_TETRAHEDRA, N_VERTICES, GMap
+
+
+class Nodes(NamedTuple):
+    """Arrays over nodes; the first n_nodes rows are live. An array that no term needs has no rows."""
+
+    state: np.ndarray
+    """Rows [x y z 0 u v w 0]: position [m] and velocity [m/s], shape (capacity, 8)."""
+    force: np.ndarray
+    """Scratch of the force kernels [N], shape (capacity, 4)."""
+    external: np.ndarray
+    """Constant force: weight and loads [N], shape (capacity, 4), or (0, 4) where the scene names neither."""
+    mass: np.ndarray
+    """Mass [kg], float64 (capacity,)."""
+    inverse_mass: np.ndarray
+    """1 / mass [1/kg], 0 where pinned, (capacity,)."""
+    viscosity: np.ndarray
+    """Drag coefficient [N s/m], (capacity,) or (0,)."""
+    is_pinned: np.ndarray
+    """Held in place, bool (capacity,)."""
+    point: np.ndarray
+    """The mesh point a node stems from, int32 (capacity,)."""
+
+    @property
+    def position(self) -> np.ndarray:
+        """Positions [m], a writable view, shape (n, 3)."""
+        return self.state[:, 0:3]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocities [m/s], a writable view, shape (n, 3)."""
+        return self.state[:, 4:7]
+
+
+class Springs(NamedTuple):
+    """Arrays over springs; the first n_springs rows are live."""
+
+    endpoints: np.ndarray
+    """The two nodes, uint32 (capacity, 2)."""
+    rest_length: np.ndarray
+    """Length without tension [m], (capacity,)."""
+    stiffness: np.ndarray
+    """Stiffness [N/m], (capacity,)."""
+    damping: np.ndarray
+    """Damping along the spring [N s/m], (capacity,) or (0,)."""
+
+
+class Tetrahedra(NamedTuple):
+    """What each tetrahedron of the mesh owns: constants, except for the loads."""
+
+    volume: np.ndarray
+    """Volume at rest [m^3], (n,)."""
+    mass: np.ndarray
+    """Mass [kg], (n,)."""
+    modulus: np.ndarray
+    """Young's modulus times volume [J], (n,): its share of a spring's stiffness times that spring's rest length squared."""
+    damping_modulus: np.ndarray
+    """The same for spring damping [J s], (n,) or (0,)."""
+    viscosity: np.ndarray
+    """Drag coefficient, shared equally by its corners [N s/m], (n,) or (0,)."""
+    load: np.ndarray
+    """Force on each corner [N], (n, 4, 3) or (0, 4, 3)."""
+
+
+class Matter(NamedTuple):
+    """All mechanics of a body, as the kernels take it."""
+
+    nodes: Nodes
+    springs: Springs
+    tetrahedra: Tetrahedra
+    gravity: np.ndarray
+    """Acceleration [m/s^2], (3,)."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What the body is made of; each value is one number or one per tetrahedron."""
+
+    young_modulus: float | Sequence[float] | np.ndarray
+    """Young's modulus [Pa]."""
+    density: float | Sequence[float] | np.ndarray
+    """Density [kg/m^3]."""
+    damping: float | Sequence[float] | np.ndarray = 0.0
+    """Spring damping in proportion to stiffness [s]."""
+    viscosity: float | Sequence[float] | np.ndarray = 0.0
+    """Drag in proportion to mass [1/s]."""
+
+    def per_tetrahedron(self, name: str, n_tetrahedra: int) -> np.ndarray:
+        """Return one value for each tetrahedron, float64 (n_tetrahedra,); raise ValueError for one that cannot be."""
+        value = np.asarray(getattr(self, name), dtype=np.float64)
+        if value.shape not in ((), (n_tetrahedra,)):
+            raise ValueError(f"material.{name} has shape {value.shape}; give one number or {n_tetrahedra}, one per tetrahedron")
+        value = np.broadcast_to(value, (n_tetrahedra,))
+        lowest = 0.0 if name != "density" else np.nextafter(0.0, 1.0)
+        bad = np.flatnonzero(~(np.isfinite(value) & (value >= lowest)))
+        if len(bad):
+            sign = "positive" if name == "density" else "zero or positive"
+            raise ValueError(f"material.{name} of tetrahedron {bad[0]} is {value[bad[0]]}; it must be finite and {sign}")
+        return np.ascontiguousarray(value)
+
+
+class Body:
+    """A cut or whole body: the mesh it came from, its map, and its mechanics."""
+
+    def __init__(self, mesh: Mesh, material: Material, gmap: GMap, matter: Matter):
+        self.mesh = mesh
+        self.material = material
+        self.gmap = gmap
+        self.matter = matter
+
+    @property
+    def node_rows(self) -> Nodes:
+        """Nodes with their spare rows, as kernels take them."""
+        return self.matter.nodes
+
+    @property
+    def spring_rows(self) -> Springs:
+        """Springs with their spare rows, as kernels take them."""
+        return self.matter.springs
+
+    @property
+    def tetrahedra(self) -> Tetrahedra:
+        """What each tetrahedron of the mesh owns; rows of removed ones stay."""
+        return self.matter.tetrahedra
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.gmap.counts[N_VERTICES])
+
+    @property
+    def n_springs(self) -> int:
+        """Number of springs."""
+        return int(self.gmap.counts[N_EDGES])
+
+    @property
+    def n_tetrahedra(self) -> int:
+        """Number of tetrahedra that are not removed."""
+        return int(self.gmap.counts[N_TETRAHEDRA])
+
+    @property
+    def nodes(self) -> Nodes:
+        """The live nodes, as views."""
+        return Nodes(*(rows[: self.n_nodes] for rows in self.matter.nodes))
+
+    @property
+    def springs(self) -> Springs:
+        """The live springs, as views."""
+        return Springs(*(rows[: self.n_springs] for rows in self.matter.springs))
+
+    @property
+    def vertex_of(self) -> np.ndarray:
+        """Node of each corner, column i for column i of mesh.tetrahedra, -1 where removed, (n_tets, 4)."""
+        return self.gmap.vertex_of
+
+    @property
+    def edge_of(self) -> np.ndarray:
+        """Spring of edges 01 02 03 12 13 23, -1 where removed, (n_tets, 6)."""
+        return self.gmap.edge_of
+
+    @property
+    def face_of(self) -> np.ndarray:
+        """Face opposite each corner, -1 where removed, (n_tets, 4); see gmap.face_of."""
+        return topology.face_of(self.gmap)
+
+    @property
+    def is_alive(self) -> np.ndarray:
+        """Which tetrahedra are not removed, bool (n_tets,)."""
+        return topology.is_alive(self.gmap)
+
+    @property
+    def node_of_point(self) -> np.ndarray:
+        """The node that continues each mesh point: the one with its lowest dart; -1 where none is left, (n_points,)."""
+        nodes = self.nodes
+        result = np.full(self.mesh.n_points, -1, dtype=np.int64)
+        order = np.argsort(-self.gmap.vertex_dart[: self.n_nodes].astype(np.int64), kind="stable")
+        result[nodes.point[order]] = order  # the lowest dart writes last
+        return result
+
+    def surface(self) -> np.ndarray:
+        """Return the boundary as triangles of nodes, counter-clockwise from outside, (n_triangles, 3)."""
+        faces = topology.boundary_faces(self.gmap)
+        return self.vertex_of[faces[:, :1], OUTWARD_FACE_CORNERS[faces[:, 1]]]
+
+    def surface_normals(self) -> np.ndarray:
+        """Return the outward unit normal of each triangle of surface(), zero where it has no area, (n_triangles, 3)."""
+        a, b, c = np.moveaxis(self.nodes.position[self.surface()].astype(np.float64), 1, 0)
+        normals = np.cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
+
+
+def build_body(mesh: Mesh, material: Material, pinned: np.ndarray, gravity: np.ndarray, dtype: type) -> Body:
+    """Build the body of a mesh at rest; pinned is bool (n_points,), gravity [m/s^2] is (3,)."""
+    gmap = build_gmap(mesh.tetrahedra, mesh.n_points)
+    tetrahedra = own_matter(mesh, material)
+    n = mesh.n_tetrahedra
+    nodes = _empty_nodes(4 * n, dtype, bool(gravity.any()), len(tetrahedra.viscosity) > 0)
+    springs = _empty_springs(6 * n, dtype, len(tetrahedra.damping_modulus) > 0)
+    body = Body(mesh, material, gmap, Matter(nodes, springs, tetrahedra, gravity))
+    live = body.nodes
+    live.point[gmap.vertex_of] = mesh.tetrahedra
+    live.position[:] = mesh.points[live.point]
+    live.is_pinned[:] = pinned[live.point]
+    ends = mesh.points[mesh.tetrahedra][:, EDGE_CORNERS]
+    body.springs.rest_length[gmap.edge_of] = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
+    return body
+
+
+def own_matter(mesh: Mesh, material: Material) -> Tetrahedra:
+    """Compute what each tetrahedron owns; a term that is zero everywhere gets no rows."""
+    n, volume = mesh.n_tetrahedra, np.array(mesh.volumes)
+    modulus = material.per_tetrahedron("young_modulus", n) * volume
+    mass = material.per_tetrahedron("density", n) * volume
+    damping = material.per_tetrahedron("damping", n)
+    viscosity = material.per_tetrahedron("viscosity", n)
+    nothing = np.zeros(0)
+    return Tetrahedra(
+        volume=volume,
+        mass=mass,
+        modulus=modulus,
+        damping_modulus=damping * modulus if damping.any() else nothing,
+        viscosity=viscosity * mass if viscosity.any() else nothing,
+        load=np.zeros((0, 4, 3)),
+    )
+
+
+def _empty_nodes(capacity: int, dtype: type, has_external: bool, has_viscosity: bool) -> Nodes:
+    """Make node arrays; rows beyond the live ones cost no memory until they are used."""
+    return Nodes(
+        state=np.zeros((capacity, 8), dtype),
+        force=np.zeros((capacity, 4), dtype),
+        external=np.zeros((capacity if has_external else 0, 4), dtype),
+        mass=np.zeros(capacity),
+        inverse_mass=np.zeros(capacity, dtype),
+        viscosity=np.zeros(capacity if has_viscosity else 0, dtype),
+        is_pinned=np.zeros(capacity, bool),
+        point=np.zeros(capacity, np.int32),
+    )
+
+
+def _empty_springs(capacity: int, dtype: type, has_damping: bool) -> Springs:
+    """Make spring arrays."""
+    return Springs(
+        endpoints=np.zeros((capacity, 2), np.uint32),
+        rest_length=np.zeros(capacity, dtype),
+        stiffness=np.zeros(capacity, dtype),
+        damping=np.zeros(capacity if has_damping else 0, dtype),
+    )

@@ -1,0 +1,96 @@
+"""The classical Runge-Kutta scheme: fourth order, four force evaluations per step.
+
+Source: E. Hairer, S. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", 1993, table II.1.2; its stability
+region: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, section IV.2, eq. 2.12.
+"""
+
+import numpy as np
+
+from gmapspring.forces import sum_forces
+from gmapspring.integrators.integrator import Integrator, hold_pinned
+from gmapspring.jit import kernel
+
+IMAGINARY_REACH = 2.8284
+"""The region of |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 holds i*y for |y| up to this (the square root of 8)."""
+SECTOR_REACH = 2.6155
+"""It holds every z with Re z <= 0 and |z| up to this; the tightest place is at 122.7 degrees (2.61559)."""
+REAL_REACH = 2.7852
+"""It holds the negative real axis up to this (2.78529)."""
+STRIP_REACH = 0.86
+"""It holds every z with |z| up to IMAGINARY_REACH and -STRIP_REACH <= Re z <= 0 (0.8629)."""
+
+
+@kernel
+def advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps):
+    """Take n_substeps of four stages each; work[0] is the stage's state, work[1] the weighted sum so far."""
+    state, force, stage, total = nodes.state, nodes.force, work[0], work[1]
+    scalar = state.dtype.type
+    half, third, sixth = scalar(step / scalar(2)), scalar(step / scalar(3)), scalar(step / scalar(6))
+    hold_pinned(nodes, n_nodes)
+    for _ in range(n_substeps):
+        sum_forces(nodes, springs, n_nodes, n_springs, state, force)
+        first_stage(nodes, n_nodes, stage, total, half, sixth)
+        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        middle_stage(nodes, n_nodes, stage, total, half, third)
+        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        middle_stage(nodes, n_nodes, stage, total, step, third)
+        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        last_stage(nodes, n_nodes, stage, total, sixth)
+
+
+@kernel
+def first_stage(nodes, n_nodes, stage, total, reach, weight):
+    """Start the sum at the state, and set the next stage reach [s] along the slope."""
+    state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
+    for i in range(n_nodes):
+        for axis in range(4):
+            velocity = state[i, 4 + axis]
+            acceleration = inverse_mass[i] * force[i, axis]
+            total[i, axis] = state[i, axis] + weight * velocity
+            total[i, 4 + axis] = velocity + weight * acceleration
+            stage[i, axis] = state[i, axis] + reach * velocity
+            stage[i, 4 + axis] = velocity + reach * acceleration
+
+
+@kernel
+def middle_stage(nodes, n_nodes, stage, total, reach, weight):
+    """Add the stage's slope to the sum, and set the next stage reach [s] along it."""
+    state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
+    for i in range(n_nodes):
+        for axis in range(4):
+            velocity = stage[i, 4 + axis]
+            acceleration = inverse_mass[i] * force[i, axis]
+            total[i, axis] += weight * velocity
+            total[i, 4 + axis] += weight * acceleration
+            stage[i, axis] = state[i, axis] + reach * velocity
+            stage[i, 4 + axis] = state[i, 4 + axis] + reach * acceleration
+
+
+@kernel
+def last_stage(nodes, n_nodes, stage, total, weight):
+    """Set the state to the sum and the last slope."""
+    state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
+    for i in range(n_nodes):
+        for axis in range(4):
+            state[i, axis] = total[i, axis] + weight * stage[i, 4 + axis]
+            state[i, 4 + axis] = total[i, 4 + axis] + weight * (inverse_mass[i] * force[i, axis])
+
+
+def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> float:
+    """Return the longest stable step [s] of a body whose elements have these limits; infinite if nothing acts.
+
+    An eigenvalue z / h of M x'' + C x' + K x = 0 solves z^2 + h c z + h^2 k = 0 with c <= max(damping_rate) and
+    k <= max(omega)^2, since both are Rayleigh quotients. So z is complex with |z| <= h omega and Re z >= -h c / 2, or real and at
+    least -h c: it is kept inside RK4's stability region by the reaches above. The limits of a body are those of
+    its elements taken apart, not element by element: an undamped stiff one may meet a damped soft one in one mode.
+    """
+    fastest, most_damped = float(np.max(omega)), float(np.max(damping_rate))
+    if most_damped == 0.0:
+        return IMAGINARY_REACH / fastest if fastest > 0.0 else np.inf
+    if fastest == 0.0:
+        return REAL_REACH / most_damped
+    swing = min(IMAGINARY_REACH / fastest, max(SECTOR_REACH / fastest, 2.0 * STRIP_REACH / most_damped))
+    return min(swing, REAL_REACH / most_damped)
+
+
+RK4 = Integrator("rk4", order=4, n_work=2, stable_step=stable_step, default_share=0.8, advance=advance)

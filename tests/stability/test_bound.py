@@ -1,0 +1,219 @@
+"""The bound holds: for the step matrix of assembled bodies, for their motion near the limit, and whatever was cut."""
+
+import numpy as np
+import pytest
+
+import gmapspring as gs
+from gmapspring import stability
+from gmapspring.integrators import INTEGRATORS
+from tests import zoo
+
+every_scheme = pytest.mark.parametrize("scheme", sorted(INTEGRATORS))
+MESHES = ("two", "ring", "star", "box", "torus", "ball")
+
+
+def uneven_material(mesh, rng, damping=1.0):
+    """Return a material that differs wildly from one tetrahedron to the next; some have no stiffness, some no damping."""
+    n = mesh.n_tetrahedra
+    some = rng.uniform(size=(3, n)) < 0.8
+    some[0, 0] = True  # a body without any stiffness has no bound to test
+    young_modulus = np.where(some[0], 5e3 * np.exp(rng.normal(0, 1.5, n)), 0.0)
+    return gs.Material(
+        young_modulus=young_modulus,
+        density=1e3 * np.exp(rng.normal(0, 0.7, n)),
+        damping=damping * np.where(some[1], 10 ** rng.uniform(-5, -1, n), 0.0),
+        viscosity=damping * np.where(some[2], 10 ** rng.uniform(-2, 3, n), 0.0),
+    )
+
+
+def cut_at_random(sim, rng):
+    """Split a random share of the faces and remove up to four tenths of the tetrahedra, but not all."""
+    n = sim.body.mesh.n_tetrahedra
+    face_of = sim.body.face_of
+    faces, first = np.unique(face_of, return_index=True)
+    sides = [(int(slot) // 4, t) for slot in faces for t in np.flatnonzero((face_of == slot).any(axis=1)) if t != slot // 4]
+    assert len(first) == len(faces)
+    share = rng.uniform()
+    removed = rng.permutation(n)[: int(rng.uniform(0, 0.4) * n)]
+    sim.cut([side for side in sides if rng.uniform() < share], removed)
+
+
+def random_body(name, seed, scheme="rk4", damping=1.0):
+    """Return a cut body of uneven material, some nodes pinned."""
+    rng = np.random.default_rng(seed)
+    mesh = zoo.build(name)
+    pinned = rng.uniform(size=mesh.n_points) < 0.1
+    sim = gs.Simulation(mesh, uneven_material(mesh, rng, damping), pinned=pinned, integrator=scheme)
+    cut_at_random(sim, rng)
+    return sim
+
+
+def laplacian(body, weight):
+    """Return the assembled Laplacian (n, n) of the springs with a weight each."""
+    matrix = np.zeros((body.n_nodes, body.n_nodes))
+    i, j = body.springs.endpoints.T
+    np.add.at(matrix, (i, i), weight)
+    np.add.at(matrix, (j, j), weight)
+    np.add.at(matrix, (i, j), -weight)
+    np.add.at(matrix, (j, i), -weight)
+    return matrix
+
+
+def step_matrix(body, scheme, h):
+    """Return the matrix (2n, 2n) of one step of M x'' + C x' + K x = 0, for one axis of each node."""
+    nodes, n = body.nodes, body.n_nodes
+    damping = np.zeros((n, n))
+    if len(nodes.viscosity):
+        damping += laplacian(body, body.springs.damping) + np.diag(nodes.viscosity)
+    k = nodes.inverse_mass[:, None] * laplacian(body, body.springs.stiffness)
+    c = nodes.inverse_mass[:, None] * damping
+    one, zero = np.eye(n), np.zeros((n, n))
+    if scheme == "symplectic_euler":
+        kick, drift = np.block([[one, zero], [-h * k, one - h * c]]), np.block([[one, h * one], [zero, one]])
+        return drift @ kick
+    a = h * np.block([[zero, one], [-k, -c]])
+    both = np.eye(2 * n)
+    return both + a @ (both + a @ (both + a @ (both + a / 4) / 3) / 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("name", MESHES)
+def test_no_body_however_cut_has_a_frequency_above_the_bound(name, seed):
+    sim = random_body(name, seed)
+    bound = stability.element_frequency(sim.body)
+    assert stability.assembled_frequency(sim.body) <= bound * (1 + 1e-12)
+
+
+@every_scheme
+@pytest.mark.parametrize("damping", [0.0, 0.03, 1.0])
+@pytest.mark.parametrize("name", ["two", "ring", "star", "box"])
+def test_one_step_of_the_assembled_body_makes_no_motion_grow(name, damping, scheme):
+    for seed in range(3):
+        body = random_body(name, seed, scheme, damping).body
+        h = stability.stable_step(body, INTEGRATORS[scheme])
+        radius = np.abs(np.linalg.eigvals(step_matrix(body, scheme, h))).max()
+        # Drifting at constant velocity is a double eigenvalue 1, which round-off eps splits by sqrt(eps) = 1.5e-8.
+        assert radius <= 1 + 1e-6
+
+
+@every_scheme
+def test_the_step_matrix_is_that_of_the_kernel(scheme):
+    sim = random_body("box", 7, scheme)
+    body, h = sim.body, 0.5 * sim.stable_step
+    rng = np.random.default_rng(8)
+    # Springs with rest length 0 are linear, with stiffness k times the identity.
+    body.springs.rest_length[:] = 0.0
+    body.springs.damping[:] = 0.0
+    body.nodes.position[:] = rng.standard_normal((body.n_nodes, 3))
+    body.nodes.velocity[~body.nodes.is_pinned] = rng.standard_normal((int(np.sum(~body.nodes.is_pinned)), 3))
+    before = np.vstack([body.nodes.position, body.nodes.velocity])
+    sim.advance(h, step=h)
+    after = np.vstack([body.nodes.position, body.nodes.velocity])
+    np.testing.assert_allclose(after, step_matrix(body, scheme, h) @ before, rtol=0, atol=1e-11 * np.abs(after).max())
+
+
+def energy(sim):
+    """Return kinetic plus elastic energy [J]."""
+    return gs.measure.kinetic_energy(sim.body) + gs.measure.elastic_energy(sim.body)
+
+
+def thrown_box(scheme, damping_ratio, cut_seed=None, speed=1.0):
+    """Return a box whose stiffest tetrahedron has the given damping ratio, beta omega / 2, thrown at random."""
+    mesh = gs.meshes.box((3, 2, 2), 0.1)
+    plain = gs.Simulation(mesh, gs.Material(5e3, 1e3)).body
+    beta = 2 * damping_ratio / stability.element_frequency(plain)
+    pinned = mesh.points[:, 0] < 0.05
+    sim = gs.Simulation(mesh, gs.Material(5e3, 1e3, damping=beta), pinned=pinned, integrator=scheme)
+    rng = np.random.default_rng(9)
+    if cut_seed is not None:
+        cut_at_random(sim, np.random.default_rng(cut_seed))
+    velocity = speed * rng.standard_normal((sim.body.n_nodes, 3))
+    sim.body.nodes.velocity[:] = np.where(sim.body.nodes.is_pinned[:, None], 0.0, velocity)
+    return sim
+
+
+def record_energy(sim, step, n_records=60, n_between=50):
+    """Return the energy [J] at regular times while stepping."""
+    record = []
+    for _ in range(n_records):
+        sim.advance(n_between * step, step=step)
+        record.append(energy(sim))
+    assert np.isfinite(sim.body.nodes.state).all()
+    return record
+
+
+@every_scheme
+@pytest.mark.parametrize("cut_seed", [None, 1, 2])
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0])
+def test_at_the_bound_the_energy_of_moderate_motion_does_not_grow(scheme, damping_ratio, cut_seed):
+    sim = thrown_box(scheme, damping_ratio, cut_seed, speed=0.2)
+    start = energy(sim)
+    record = record_energy(sim, 0.99 * sim.stable_step)
+    # Symplectic Euler conserves a neighbouring energy: the true one swings by (1 + a) / (1 - a) with a = h omega / 2,
+    # 5 for the 2/3 that the bound leaves of the true limit.
+    assert max(record) <= (5.0 if scheme == "symplectic_euler" else 1.0) * start
+    assert max(record[-20:]) <= 1.2 * max(record[:20])
+
+
+@every_scheme
+@pytest.mark.parametrize("cut_seed", [None, 1])
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.3, 3.0])
+def test_at_the_default_share_the_energy_of_violent_motion_does_not_grow(scheme, damping_ratio, cut_seed):
+    # Strains beyond 0.5 either way: the waves in this material are no faster than sqrt(E / rho) = 2.2 m/s.
+    sim = thrown_box(scheme, damping_ratio, cut_seed, speed=1.0)
+    start = energy(sim)
+    record = record_energy(sim, sim.integrator.default_share * sim.stable_step)
+    assert max(record) <= (1.25 if scheme == "symplectic_euler" else 1.0) * start
+
+
+@every_scheme
+@pytest.mark.parametrize("damping_ratio", [0.02, 0.3, 3.0])
+def test_at_the_default_share_a_damped_body_let_go_at_thrice_its_length_does_not_gain_energy(scheme, damping_ratio):
+    # Undamped, it passes through itself again and again, and symplectic Euler doubles its energy in 3000 such steps.
+    sim = thrown_box(scheme, damping_ratio, cut_seed=3, speed=0.0)
+    sim.body.nodes.position[~sim.body.nodes.is_pinned] *= 3.0
+    start = energy(sim)
+    record = record_energy(sim, sim.integrator.default_share * sim.stable_step)
+    assert max(record) <= (1.25 if scheme == "symplectic_euler" else 1.0) * start
+
+
+def true_limit(sim):
+    """Return the longest stable step [s] at rest without damping, from the true stiffness matrix, k n n^T per spring."""
+    body = sim.body
+    i, j = body.springs.endpoints.T.astype(int)
+    offset = body.nodes.position[j] - body.nodes.position[i]
+    n = offset / np.linalg.norm(offset, axis=1)[:, None]
+    block = body.springs.stiffness[:, None, None] * n[:, :, None] * n[:, None, :]
+    matrix = np.zeros((body.n_nodes, 3, body.n_nodes, 3))
+    for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+        for spring in range(len(i)):
+            matrix[a[spring], :, b[spring], :] += sign * block[spring]
+    scale = np.repeat(np.sqrt(body.nodes.inverse_mass), 3)
+    size = 3 * body.n_nodes
+    omega = np.sqrt(np.linalg.eigvalsh(scale[:, None] * matrix.reshape(size, size) * scale)[-1])
+    return {"symplectic_euler": 2.0, "rk4": np.sqrt(8.0)}[sim.integrator.name] / omega
+
+
+@every_scheme
+def test_the_true_limit_is_above_the_bound_but_not_far(scheme):
+    sim = thrown_box(scheme, 0.0)
+    assert sim.stable_step < true_limit(sim) < 2.5 * sim.stable_step
+
+
+@every_scheme
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_body_blows_up_just_above_its_true_limit_and_not_just_below(scheme, share):
+    # The motion is so small that the body stays linear until it has grown by many powers of ten.
+    sim = thrown_box(scheme, 0.0, speed=1e-9)
+    step, body, start = share * true_limit(sim), sim.body, energy(sim)
+    work = np.zeros((sim.integrator.n_work, *body.node_rows.state.shape))
+    sim.integrator.advance(body.node_rows, body.spring_rows, work, body.n_nodes, body.n_springs, step, 100)
+    # NaN counts as blown up.
+    assert (not energy(sim) <= 1e6 * start) == (share > 1.0)
+
+
+@every_scheme
+def test_a_step_above_the_bound_is_refused(scheme):
+    sim = thrown_box(scheme, 0.3)
+    with pytest.raises(gs.StabilityError, match=f"{sim.stable_step:.6g}"):
+        sim.advance(1.0, step=1.001 * sim.stable_step)
