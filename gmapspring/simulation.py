@@ -1,0 +1,214 @@
+"""Simulation: the one stateful shell. It checks what comes in, raises, and counts time; the work is done by free functions."""
+
+import math
+import pathlib
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from gmapspring import cut as cutting
+from gmapspring import stability, state_file
+from gmapspring.body import Body, Material, build_body
+from gmapspring.cut import CutReport
+from gmapspring.embedding import embed_all, sum_external
+from gmapspring.errors import DivergenceError, StabilityError
+from gmapspring.integrators import INTEGRATORS
+from gmapspring.mesh import Mesh
+from gmapspring.snapshot import Snapshot, load_arrays, name_loads, save_arrays
+from gmapspring.topology import gmap as topology
+from gmapspring.validity import check_body
+
+
+class SimulationState(NamedTuple):
+    """All that a Simulation can change, as copies."""
+
+    body: Snapshot
+    time: float
+    n_substeps: int
+
+
+class Simulation:
+    """A body that is stepped through time and cut.
+
+    mesh: the body at rest. material: what it is made of. pinned: nodes held in place, bool (n_points,). gravity [m/s^2], (3,).
+    loads: constant forces on points [N], (n_points, 3). integrator: a name of gmapspring.integrators.INTEGRATORS.
+    dtype: np.float64 or np.float32. keep_manifold: refuse cuts that would pinch the body.
+    """
+
+    def __init__(self, mesh: Mesh, material: Material, *, pinned: np.ndarray | None = None, gravity=(0.0, 0.0, 0.0),
+                 loads: np.ndarray | None = None, integrator: str = "rk4", dtype: type = np.float64,
+                 keep_manifold: bool = False):
+        if integrator not in INTEGRATORS:
+            raise ValueError(f"integrator {integrator!r} is unknown; there are {', '.join(sorted(INTEGRATORS))}")
+        if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
+            raise ValueError(f"dtype must be numpy.float64 or numpy.float32, not {dtype}")
+        self.integrator = INTEGRATORS[integrator]
+        self.keep_manifold = keep_manifold
+        self.time = 0.0
+        """Simulated time [s]."""
+        self.n_substeps = 0
+        """Substeps taken so far."""
+        self.body: Body = build_body(mesh, material, _pinned_mask(pinned, mesh), _vector(gravity, "gravity"),
+                                     np.dtype(dtype).type)
+        embed_all(self.body.gmap, self.body.matter)
+        self._work: np.ndarray = np.zeros((self.integrator.n_work, len(self.body.node_rows.mass), 8), dtype)
+        if loads is not None:
+            self.set_loads(loads)
+        self.stable_step = stability.stable_step(self.body, self.integrator)
+        """The largest substep [s] whose small motions are proven stable, for this body and every body cut from it."""
+
+    def advance(self, seconds: float, step: float | None = None) -> int:
+        """Simulate for some seconds in equal substeps, none longer than step; return their number.
+
+        Without a step, it is the share of the stable one that the integrator keeps violent motion calm with.
+        Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
+        body then holds its last finite state.
+        """
+        if not (math.isfinite(seconds) and seconds >= 0.0):
+            raise ValueError(f"seconds must be finite and not negative, not {seconds}")
+        if step is not None and not step > 0.0:
+            raise ValueError(f"step must be positive, not {step}")
+        if step is not None and step > self.stable_step:
+            raise StabilityError(
+                f"a step of {step:.6g} s is above the stable step of {self.stable_step:.6g} s for {self.integrator.name}; "
+                "leave it out to have it chosen"
+            )
+        longest = self.integrator.default_share * self.stable_step if step is None else step
+        # A whole number of steps up to round-off must not become one more.
+        n_substeps = max(1, math.ceil(seconds / longest * (1.0 - 1e-12))) if seconds > 0.0 else 0
+        if n_substeps:
+            self._take_substeps(seconds / n_substeps, n_substeps)
+        return n_substeps
+
+    def _take_substeps(self, step: float, n_substeps: int) -> None:
+        """Take substeps in one call of a kernel; on divergence go back and find the last finite state."""
+        state = self.body.nodes.state
+        before = state.copy()
+        self._advance_kernel(step, n_substeps)
+        n_finite = n_substeps
+        if not np.isfinite(state).all():
+            n_finite = self._advance_while_finite(before, step)
+        self.time += n_finite * step
+        self.n_substeps += n_finite
+        if n_finite < n_substeps:
+            raise DivergenceError(
+                f"the state stopped being finite in substep {n_finite + 1} of {n_substeps}, of {step:.6g} s each, at time "
+                f"{self.time:.6g} s; the body holds its last finite state. Look for loads or velocities beyond all bounds"
+            )
+
+    def _advance_while_finite(self, before: np.ndarray, step: float) -> int:
+        """Repeat from a finite state one substep at a time; stop before the first that is not finite."""
+        state = self.body.nodes.state
+        state[...] = before
+        n_finite = 0
+        while True:
+            last = state.copy()
+            self._advance_kernel(step, 1)
+            if not np.isfinite(state).all():
+                state[...] = last
+                return n_finite
+            n_finite += 1
+
+    def _advance_kernel(self, step: float, n_substeps: int) -> None:
+        """Call the integrator's kernel on the live rows."""
+        body = self.body
+        typed_step = body.node_rows.state.dtype.type(step)
+        self.integrator.advance(body.node_rows, body.spring_rows, self._work, body.n_nodes, body.n_springs,
+                                typed_step, n_substeps)
+
+    def split_face(self, tet_a: int, tet_b: int) -> CutReport:
+        """Cut the face between two tetrahedra; see cut.split_face."""
+        return cutting.split_face(self.body, tet_a, tet_b, self.keep_manifold)
+
+    def remove_tetrahedron(self, tetrahedron: int) -> CutReport:
+        """Isolate and delete a tetrahedron; see cut.remove_tetrahedron."""
+        return cutting.remove_tetrahedron(self.body, tetrahedron, self.keep_manifold)
+
+    def sew_face(self, tet_a: int, tet_b: int) -> CutReport:
+        """Sew a face that was cut; see cut.sew_face."""
+        return cutting.sew_face(self.body, tet_a, tet_b, self.keep_manifold)
+
+    def cut(self, faces: Iterable = (), tetrahedra: Iterable = ()) -> CutReport:
+        """Cut faces, (k, 2) pairs of tetrahedra, and remove tetrahedra, all at once; see cut.cut."""
+        return cutting.cut(self.body, faces, tetrahedra, self.keep_manifold)
+
+    def set_loads(self, loads: np.ndarray | None) -> None:
+        """Set the constant force on each mesh point [N], (n_points, 3), shared by mass among its nodes; None for none."""
+        if loads is None:
+            return self._put_loads(np.zeros((0, 4, 3)))
+        loads = _forces(loads, (self.body.mesh.n_points, 3), "loads")
+        corners, alive = self.body.mesh.tetrahedra, self.body.is_alive
+        mass = np.where(alive, self.body.tetrahedra.mass, 0.0)
+        total = np.bincount(corners.ravel(), np.repeat(mass, 4), self.body.mesh.n_points)
+        gone = np.flatnonzero((total == 0.0) & loads.any(axis=1))
+        if len(gone):
+            raise ValueError(f"the load on point {gone[0]} has nothing to act on: all tetrahedra there are removed")
+        share = mass[:, None] / np.where(total > 0.0, total, 1.0)[corners]
+        return self._put_loads(share[:, :, None] * loads[corners])
+
+    def set_corner_loads(self, loads: np.ndarray) -> None:
+        """Set the constant force on each corner of each tetrahedron [N], (n_tets, 4, 3); those of removed ones are idle."""
+        self._put_loads(_forces(loads, (self.body.mesh.n_tetrahedra, 4, 3), "corner loads"))
+
+    def _put_loads(self, load: np.ndarray) -> None:
+        """Store corner loads and sum them to nodes; no rows where neither loads nor gravity are named."""
+        body = self.body
+        has_external = len(load) > 0 or bool(body.matter.gravity.any())
+        name_loads(body, load, has_external)
+        if has_external:
+            sum_external(body.gmap, body.matter)
+
+    def components(self) -> np.ndarray:
+        """Label the components 0, 1, ... in the order of their lowest tetrahedron, -1 where removed, (n_tets,)."""
+        return topology.components(self.body.gmap)
+
+    def check_validity(self) -> None:
+        """Raise TopologyError, naming the culprit, unless map and mechanics are consistent throughout."""
+        check_body(self.body)
+
+    def save_state(self) -> SimulationState:
+        """Copy all that can change, topology included."""
+        return SimulationState(save_arrays(self.body), self.time, self.n_substeps)
+
+    def load_state(self, state: SimulationState) -> None:
+        """Go back to a saved state; it stays valid and can be loaded again."""
+        load_arrays(self.body, state.body)
+        self.time, self.n_substeps = state.time, state.n_substeps
+
+    def save(self, path: str | pathlib.Path) -> None:
+        """Write everything to a file (.npz), atomically."""
+        state_file.write(pathlib.Path(path), self)
+
+    @classmethod
+    def load(cls, path: str | pathlib.Path) -> "Simulation":
+        """Read a simulation from a file; raise StateFileError for a foreign, truncated or outdated one."""
+        return state_file.read(pathlib.Path(path), cls)
+
+
+def _pinned_mask(pinned: np.ndarray | None, mesh: Mesh) -> np.ndarray:
+    """Return a mask of pinned points; refuse numbers, which a mask would misread."""
+    if pinned is None:
+        return np.zeros(mesh.n_points, dtype=bool)
+    mask = np.asarray(pinned)
+    if mask.shape != (mesh.n_points,) or mask.dtype != np.bool_:
+        raise ValueError(f"pinned must be a mask, bool ({mesh.n_points},), not {mask.dtype} {mask.shape}")
+    return mask
+
+
+def _vector(value, name: str) -> np.ndarray:
+    """Return a finite vector of three numbers."""
+    vector = np.array(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{name} must be three finite numbers, not {value}")
+    return vector
+
+
+def _forces(value, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """Return finite forces of the expected shape."""
+    forces = np.array(value, dtype=np.float64)
+    if forces.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, not {forces.shape}")
+    if not np.isfinite(forces).all():
+        raise ValueError(f"{name} must be finite; entry {tuple(np.argwhere(~np.isfinite(forces))[0].tolist())} is not")
+    return forces
