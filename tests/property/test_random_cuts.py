@@ -1,0 +1,157 @@
+"""A machine that cuts, sews, saves and steps at random: the body stays valid and equal to its naive double."""
+
+import pathlib
+import pickle
+import tempfile
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+import gmapspring as gs
+from tests import naive_links, zoo
+from tests.bits import assert_same_bits, bits_of
+from tests.twins import Twins
+
+MESHES = ("single", "two", "ring", "fan", "star", "slab", "torus", "cubes_sharing_an_edge", "pinched_block")
+PICKS = st.integers(0, 10**6)
+"""Numbers that pick an item of a list whose length is known only when the rule runs."""
+
+
+def pick(items, number):
+    """Return the item that a number picks."""
+    return items[number % len(items)]
+
+
+class RandomCuts(RuleBasedStateMachine):
+    """Every rule does the same to the fast and to the naive body; the invariant compares them."""
+
+    @initialize(name=st.sampled_from(MESHES), seed=st.integers(0, 99), integrator=st.sampled_from(["rk4", "symplectic_euler"]))
+    def build(self, name, seed, integrator):
+        self.twins = Twins(zoo.build(name), seed, integrator=integrator)
+        self.saved = None
+
+    @precondition(lambda self: self.twins.naive.sewn_faces())
+    @rule(number=PICKS)
+    def split(self, number):
+        self.twins.split_face(*pick(self.twins.naive.sewn_faces(), number))
+
+    @precondition(lambda self: len(self.twins.naive.alive) > 1)
+    @rule(number=PICKS)
+    def remove(self, number):
+        self.twins.remove_tetrahedron(pick(sorted(self.twins.naive.alive), number))
+
+    @precondition(lambda self: self.twins.naive.open_faces())
+    @rule(number=PICKS, is_turned=st.booleans())
+    def sew(self, number, is_turned):
+        pair = pick(self.twins.naive.open_faces(), number)
+        self.twins.sew_face(*(pair[::-1] if is_turned else pair))
+
+    @precondition(lambda self: self.twins.naive.sewn_faces())
+    @rule(faces=st.lists(PICKS, max_size=6), tetrahedra=st.lists(PICKS, max_size=3))
+    def cut_a_batch(self, faces, tetrahedra):
+        sewn, alive = self.twins.naive.sewn_faces(), sorted(self.twins.naive.alive)
+        removed = {pick(alive, number) for number in tetrahedra}
+        self.twins.cut(sorted({pick(sewn, number) for number in faces}), sorted(removed)[: len(alive) - 1])
+
+    @rule()
+    def save(self):
+        self.saved = self.twins.sim.save_state(), self.twins.naive.snapshot(), bits_of(self.twins.sim)
+
+    @precondition(lambda self: self.saved is not None)
+    @rule()
+    def load(self):
+        state, snapshot, bits = self.saved
+        self.twins.sim.load_state(state)
+        self.twins.naive.restore(snapshot)
+        assert_same_bits(bits_of(self.twins.sim), bits)
+
+    @rule(seed=st.integers(0, 99))
+    def set_loads(self, seed):
+        self.twins.set_loads(np.random.default_rng(seed))
+
+    @rule()
+    def pickle_and_unpickle(self):
+        bits = bits_of(self.twins.sim)
+        self.twins.sim = pickle.loads(pickle.dumps(self.twins.sim))
+        assert_same_bits(bits_of(self.twins.sim), bits)
+
+    @rule()
+    def write_and_read_a_file(self):
+        bits = bits_of(self.twins.sim)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "state.npz"
+            self.twins.sim.save(path)
+            self.twins.sim = gs.Simulation.load(path)
+        assert_same_bits(bits_of(self.twins.sim), bits)
+
+    @rule(n_steps=st.integers(1, 3))
+    def advance(self, n_steps):
+        self.twins.advance(n_steps)
+
+    @precondition(lambda self: self.twins.naive.open_faces())
+    @rule(number=PICKS)
+    def refuse_to_split_twice(self, number):
+        before = bits_of(self.twins.sim)
+        with pytest.raises(gs.TopologyError):
+            self.twins.sim.split_face(*pick(self.twins.naive.open_faces(), number))
+        assert_same_bits(bits_of(self.twins.sim), before)
+
+    @precondition(lambda self: self.twins.naive.sewn_faces())
+    @rule(number=PICKS)
+    def refuse_to_sew_what_is_sewn(self, number):
+        before = bits_of(self.twins.sim)
+        with pytest.raises(gs.TopologyError):
+            self.twins.sim.sew_face(*pick(self.twins.naive.sewn_faces(), number))
+        assert_same_bits(bits_of(self.twins.sim), before)
+
+    @invariant()
+    def both_bodies_agree(self):
+        if hasattr(self, "twins"):  # false before build has run
+            self.twins.assert_agreement()
+
+
+TestRandomCuts = RandomCuts.TestCase
+TestRandomCuts.settings = settings(max_examples=25, stateful_step_count=12, deadline=None)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_body_that_keeps_manifold_never_gets_a_singular_node(seed):
+    twins, rng = Twins(zoo.build("box"), seed, keep_manifold=True), np.random.default_rng(seed)
+    n_done = n_refused = 0
+    for _ in range(40):
+        is_split = bool(rng.integers(2))
+        sewn, alive = twins.naive.sewn_faces(), sorted(twins.naive.alive)
+        if not sewn or len(alive) < 2:
+            break
+        arguments = pick(sewn, int(rng.integers(10**6))) if is_split else (pick(alive, int(rng.integers(10**6))),)
+        before = twins.naive.snapshot()
+        (twins.naive.split_face if is_split else twins.naive.remove_tetrahedron)(*arguments)
+        would_pinch = len(naive_singular(twins)) > 0
+        try:
+            (twins.sim.split_face if is_split else twins.sim.remove_tetrahedron)(*arguments)
+            n_done += 1
+        except gs.TopologyError:
+            n_refused += 1
+            twins.naive.restore(before)
+            assert would_pinch
+        assert not naive_singular(twins)
+    twins.assert_agreement()
+    assert n_done > 5 and n_refused > 0
+
+
+def naive_singular(twins):
+    """Return the singular nodes of the naive body."""
+    return naive_links.singular_nodes(twins.naive)
+
+
+def test_a_body_that_keeps_manifold_refuses_a_suture_that_would_pinch_it():
+    twins = Twins(zoo.build("slab"), keep_manifold=True)
+    twins.split_face(3, 10)
+    twins.split_face(2, 7)
+    before = bits_of(twins.sim)
+    with pytest.raises(gs.TopologyError, match="pinch"):
+        twins.sim.sew_face(3, 10)
+    assert_same_bits(bits_of(twins.sim), before)
