@@ -1,0 +1,1 @@
+"""What render.py draws with: camera, z-buffer, light, paint."""

@@ -1,0 +1,315 @@
+"""Frames: which pixels a triangle covers, who is in front, what a cut looks like, and the same bytes every time."""
+
+import numpy as np
+import pytest
+
+from gmapspring import Material, Simulation, meshes, render
+from gmapspring.rendering.camera import Camera
+from gmapspring.rendering.raster import rasterise
+from gmapspring.rendering.shading import corner_normals
+
+SIZE = (48, 32)
+FRONT = Camera(distance=10.0, azimuth=-90.0, elevation=0.0)
+"""Looks along +y from y = -10: x to the right, z up."""
+PLAIN = render.Style(gloss=0.0, wire=0.0, occlusion=0.0)
+OUTSIDE, INSIDE, TARGET = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+LOUD = render.Style(outside=OUTSIDE, inside=INSIDE, target=TARGET, gloss=0.0, wire=0.0, background=((1.0,) * 3,) * 2)
+"""Every part in a pure colour, so that a channel tells what is seen."""
+
+
+def covered(corners, size=SIZE, is_closed=False):
+    """Return where one triangle with corners x, y on the sample grid is drawn."""
+    screen = np.column_stack([np.asarray(corners, dtype=float), np.ones(len(corners))])
+    triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    return rasterise(screen, triangles, size, is_closed)[1].copy()
+
+
+def naive_cover(corners, size):
+    """Return which sample centres lie strictly inside a triangle, by the signs of three areas."""
+    columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+    (ax, ay), (bx, by), (cx, cy) = corners
+    signs = np.stack([(qx - px) * (rows - py) - (qy - py) * (columns - px)
+                      for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay))])  # fmt: skip
+    return (signs > 0).all(axis=0) | (signs < 0).all(axis=0)
+
+
+def simulation(shape=(2, 1, 1), **named):
+    """Return a box of unit cubes."""
+    return Simulation(meshes.box(shape), Material(young_modulus=1e3, density=1e3), **named)
+
+
+def opened():
+    """Return two cubes, cut apart between them and pulled open."""
+    simulated = simulation()
+    mesh = simulated.body.mesh
+    is_right = mesh.points[mesh.tetrahedra][:, :, 0].mean(axis=1) > 1.0
+    pairs = sewn_pairs(simulated.body)
+    for a, b in pairs[is_right[pairs[:, 0]] != is_right[pairs[:, 1]]]:
+        simulated.split_face(a, b)
+    body = simulated.body
+    body.nodes.position[np.unique(body.vertex_of[is_right]), 0] += 1.0
+    return body
+
+
+def sewn_pairs(body):
+    """Return the tetrahedra on both sides of each sewn face."""
+    here = np.arange(body.gmap.image.size).reshape(-1, 4)
+    there = body.gmap.image // 6
+    return np.stack([here // 4, there // 4], axis=-1)[here < there]
+
+
+def test_a_right_triangle_covers_exactly_the_samples_under_its_diagonal():
+    # Legs of 4 samples from the corner: rows of 3, 2, 1; centres on the diagonal fall to no left or top edge.
+    seen = covered([(0, 0), (4, 0), (0, 4)], (5, 5))
+    expected = np.array([[0, 0, 0, -1, -1], [0, 0, -1, -1, -1], [0, -1, -1, -1, -1], [-1] * 5, [-1] * 5])
+    np.testing.assert_array_equal(seen, expected)
+
+
+def test_triangles_cover_the_samples_whose_centres_lie_inside():
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        # Corners on the grid of 1/256 that never meet a centre's row or column: no rule for edges is needed.
+        corners = (random.integers(-8 * 128, 56 * 128, (3, 2)) * 2 + 1) / 256
+        np.testing.assert_array_equal(covered(corners) >= 0, naive_cover(corners, SIZE))
+
+
+def test_two_triangles_of_a_square_share_no_sample_and_leave_none():
+    square = [(2, 2), (10, 2), (10, 10), (2, 2), (10, 10), (2, 10)]
+    both = covered(square) >= 0
+    first, second = covered(square[:3]) >= 0, covered(square[3:]) >= 0
+    assert not (first & second).any()
+    assert both.sum() == first.sum() + second.sum() == 8 * 8
+    assert both[2:10, 2:10].all()
+
+
+def test_a_triangle_larger_than_the_picture_covers_all_of_it():
+    assert (covered([(-900, -900), (900, -900), (0, 1500)]) == 0).all()
+
+
+def test_the_nearer_triangle_wins_in_either_order():
+    screen = np.array([(0, 0, 1.0), (40, 0, 1.0), (0, 40, 1.0), (0, 0, 2.0), (40, 0, 2.0), (0, 40, 2.0)])
+    for triangles, nearer in (([[0, 1, 2], [3, 4, 5]], 1), ([[3, 4, 5], [0, 1, 2]], 0)):
+        nearness, owner = rasterise(screen, np.array(triangles, dtype=np.int32), SIZE)
+        assert set(np.unique(owner)) == {-1, nearer}
+        assert set(np.unique(nearness)) == {0.0, 2.0}
+
+
+def test_crossing_triangles_hide_each_other_where_they_cross():
+    # The first grows nearer to the right (1/depth = 1 + x / 20), the second keeps 2: they meet at x = 20.
+    screen = np.array([(0, -99, 1.0), (40, -99, 3.0), (20, 999, 2.0), (0, -99, 2.0), (40, -99, 2.0), (20, 999, 2.0)])
+    _, owner = rasterise(screen, np.arange(6, dtype=np.int32).reshape(2, 3), (40, 20))
+    assert (owner[2, 5:19] == 1).all()
+    assert (owner[2, 21:35] == 0).all()
+
+
+def test_a_closed_surface_shows_only_triangles_that_face_the_eye():
+    outward = [(2, 10), (10, 10), (2, 2)]  # counter-clockwise, with y down
+    assert (covered(outward, is_closed=True) >= 0).any()
+    assert not (covered(outward[::-1], is_closed=True) >= 0).any()
+    np.testing.assert_array_equal(covered(outward), covered(outward[::-1]))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_triangles_with_corners_that_are_not_finite_are_left_out(bad):
+    points = np.array([(-1, 0, -1), (1, 0, -1), (0, 0, 1), (bad, 0, 0)])
+    kept = render.render_surface(points, [[0, 1, 2]], [OUTSIDE], None, FRONT, SIZE)
+    both = render.render_surface(points, [[0, 1, 2], [0, 1, 3]], [OUTSIDE, INSIDE], None, FRONT, SIZE)
+    np.testing.assert_array_equal(both, kept)
+
+
+def test_triangles_behind_the_eye_are_left_out():
+    points = [(-1, -20, -1), (1, -20, -1), (0, -20, 1)]
+    picture = render.render_surface(points, [[0, 1, 2]], [OUTSIDE], None, FRONT, SIZE)
+    np.testing.assert_array_equal(picture, render.render_surface(np.zeros((0, 3)), [], np.zeros((0, 3)), size=SIZE))
+
+
+def test_colours_may_be_out_of_range_or_not_finite():
+    points, triangle = [(-1, 0, -1), (1, 0, -1), (0, 0, 1)], [[0, 1, 2]]
+    wild = render.render_surface(points, triangle, [(np.nan, 7.0, -1.0)], None, FRONT, SIZE)
+    tame = render.render_surface(points, triangle, [(0.0, 1.0, 0.0)], None, FRONT, SIZE)
+    np.testing.assert_array_equal(wild, tame)
+
+
+def test_triangles_that_name_no_point_are_refused():
+    with pytest.raises(ValueError, match="points 0 to 3 of 3"):
+        render.render_surface(np.zeros((3, 3)), [[0, 1, 3]], [OUTSIDE])
+
+
+def test_a_point_lands_where_similar_triangles_say():
+    # One metre beside the axis at 10 m: focal / 10 pixels from the middle, focal = 16 / tan(14 degrees).
+    x, y, near = FRONT.project([(1.0, 0.0, 2.0)], SIZE)[0]
+    focal = 16 / np.tan(np.radians(14))
+    np.testing.assert_allclose((x, y, near), (24 + focal / 10, 16 - focal / 5, 0.1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("azimuth", [0.0, 100.0])
+def test_a_fitted_camera_sees_every_point_and_touches_the_margin(aspect, azimuth):
+    points = np.random.default_rng(1).normal(size=(50, 3)) * (3.0, 1.0, 0.3) + 5.0
+    size = (int(400 * aspect), 400)
+    x, y, near = Camera.fit(points, azimuth, 30.0, aspect=aspect, margin=1.0).project(points, size).T
+    assert (near > 0).all()
+    reach = np.maximum(np.abs(2 * x / size[0] - 1), np.abs(2 * y / size[1] - 1)).max()
+    assert reach == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("distance", [0.0, -1.0, np.nan])
+def test_a_camera_without_distance_is_refused(distance):
+    with pytest.raises(ValueError, match="distance"):
+        Camera(distance=distance)
+
+
+def test_a_camera_without_field_of_view_is_refused():
+    with pytest.raises(ValueError, match="field_of_view"):
+        Camera(field_of_view=0.0)
+
+
+def test_normals_are_smooth_on_a_ball_and_sharp_on_a_box():
+    ball, box = (Simulation(mesh, Material(1e3, 1e3)).body for mesh in (meshes.ball(3), meshes.box((2, 2, 2))))
+    surface = render.body_surface(ball)
+    radial = surface.points[surface.triangles]
+    radial = radial / np.linalg.norm(radial, axis=2, keepdims=True)
+    assert (surface.normals * radial).sum(axis=2).min() > 0.98
+    normals = render.body_surface(box).normals
+    np.testing.assert_allclose(np.abs(normals).max(axis=2), 1.0, atol=1e-12)
+
+
+def test_normals_of_triangles_without_area_are_finite():
+    normals = corner_normals(np.zeros((3, 3)), np.array([[0, 1, 2]], dtype=np.int32), np.ones(1, np.bool_))
+    np.testing.assert_array_equal(normals[0], [(0, 0, 1)] * 3)
+
+
+def test_picking_names_the_face_in_front():
+    mesh = meshes.single()
+    body = Simulation(mesh, Material(1e3, 1e3)).body
+    for face in range(4):
+        outward = -mesh.points[face]  # away from the opposite corner, for the centre is the origin
+        azimuth = np.degrees(np.arctan2(outward[1], outward[0]))
+        elevation = np.degrees(np.arcsin(outward[2] / np.linalg.norm(outward)))
+        picked = render.pick_faces(body, Camera(distance=5.0, azimuth=azimuth, elevation=elevation), SIZE)
+        assert picked.shape == (32, 48)
+        assert picked[16, 24] == face  # 4 * 0 + face
+        assert set(np.unique(picked)) == {-1, face}
+
+
+def test_picked_faces_are_free_and_seen_where_the_picture_is_drawn():
+    body = simulation((2, 2, 2)).body
+    picked = render.pick_faces(body, size=SIZE)
+    seen = np.unique(picked[picked >= 0])
+    assert np.isin(seen, render.free_faces(body)).all()
+    background = render.render_surface(np.zeros((0, 3)), [], np.zeros((0, 3)), size=SIZE)
+    is_drawn = (render.render_body(body, size=SIZE) != background).any(axis=2)
+    assert is_drawn[picked >= 0].all()
+
+
+def test_a_picture_is_height_by_width_by_three_bytes():
+    picture = render.render_body(simulation().body, size=SIZE)
+    assert picture.shape == (32, 48, 3)
+    assert picture.dtype == np.uint8
+
+
+def test_a_picture_is_the_same_bytes_every_time():
+    first, second = (render.render_body(opened(), size=SIZE) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+
+
+def test_an_odd_size_can_be_drawn():
+    for size in ((1, 1), (2, 3), (7, 5)):
+        assert render.render_body(simulation().body, size=size).shape == (size[1], size[0], 3)
+
+
+def test_an_empty_body_gives_the_background():
+    simulated = Simulation(meshes.single(), Material(1e3, 1e3))
+    simulated.remove_tetrahedron(0)
+    picture = render.render_body(simulated.body, size=SIZE)
+    top, bottom = render.Style().background
+    assert (picture == picture[:, :1]).all()
+    np.testing.assert_allclose(picture[0, 0], np.array(top) * 255, atol=2)
+    np.testing.assert_allclose(picture[-1, 0], np.array(bottom) * 255, atol=2)
+    assert (render.pick_faces(simulated.body, size=SIZE) == -1).all()
+
+
+def test_an_edge_half_over_a_pixel_is_half_as_strong():
+    # A black wall left of x = 0, whose edge runs down the middle of a pixel of a picture 33 wide.
+    points = [(-90, 0, -90), (0, 0, -90), (0, 0, 90), (-90, 0, 90)]
+    camera = Camera(distance=10.0, azimuth=-90.0, elevation=0.0)
+    picture = render.render_surface(points, [[0, 1, 2], [0, 2, 3]], np.zeros((2, 3)), None, camera, (33, 33))
+    wall, edge, sky = picture[16, 15:18, 1].astype(float)
+    assert (edge / 255) ** 2 == pytest.approx(((wall / 255) ** 2 + (sky / 255) ** 2) / 2, abs=0.01)
+
+
+def test_an_uncut_body_shows_no_cut_colour():
+    picture = render.render_body(simulation().body, size=SIZE, style=LOUD)
+    is_drawn = picture[..., 1] < 128
+    assert is_drawn.any()
+    assert (picture[is_drawn, 0] == 0).sum() > 0.8 * is_drawn.sum()
+    colors = render.body_surface(simulation().body, style=LOUD).colors
+    np.testing.assert_array_equal(colors, np.broadcast_to(OUTSIDE, colors.shape))
+
+
+def test_an_opened_cut_shows_its_faces_in_the_cut_colour():
+    body = opened()
+    camera = Camera.fit(body.nodes.position, azimuth=-30.0, aspect=1.5)
+    picture = render.render_body(body, camera=camera, size=SIZE, style=LOUD).astype(int)
+    is_cut = (picture[..., 0] > 60) & (picture[..., 1] == 0) & (picture[..., 2] == 0)
+    picked = render.pick_faces(body, camera, SIZE)
+    centres = body.nodes.position[body.vertex_of].mean(axis=1)
+    # Seen from +x, the raw faces that show are those of the left cube.
+    assert is_cut.sum() > 20
+    assert (centres[picked[is_cut] // 4, 0] < 1.0).all()
+
+
+def test_a_closed_cut_cannot_be_seen():
+    simulated = simulation((2, 2, 2))
+    before = render.render_body(simulated.body, size=SIZE, style=LOUD)
+    for a, b in sewn_pairs(simulated.body):
+        simulated.split_face(a, b)
+    after = render.render_body(simulated.body, size=SIZE, style=LOUD)
+    is_body = before[..., 1] < 128
+    assert (after[is_body, 0] > 60).sum() < 0.02 * is_body.sum() + 1
+
+
+def test_a_removed_tetrahedron_lays_raw_faces_open():
+    simulated = simulation((2, 2, 2))
+    simulated.remove_tetrahedron(0)
+    colors = render.body_surface(simulated.body, style=LOUD).colors[:, 0]
+    assert (colors == INSIDE).all(axis=1).sum() + (colors == OUTSIDE).all(axis=1).sum() == len(colors)
+    neighbours_of_removed = 4 - (colors == INSIDE).all(axis=1).sum()
+    assert 1 <= neighbours_of_removed <= 2  # faces that it had on the surface
+
+
+def test_highlighted_tetrahedra_show_in_the_target_colour():
+    body = simulation().body
+    highlight = np.arange(12) < 6
+    colors = render.body_surface(body, highlight, style=LOUD).colors[:, 0]
+    expected = np.where((render.free_faces(body) // 4 < 6)[:, None], TARGET, OUTSIDE)
+    np.testing.assert_array_equal(colors, expected)
+
+
+def test_strain_runs_from_the_first_to_the_last_colour_of_the_heat_map():
+    body = simulation().body
+    for strain, color in ((0.0, render.HEAT[0]), (0.5, render.HEAT[-1]), (9.0, render.HEAT[-1]), (np.nan, render.HEAT[-1])):
+        colors = render.body_surface(body, strain=np.full(12, strain)).colors
+        np.testing.assert_allclose(colors, np.broadcast_to(color, colors.shape))
+
+
+def test_pinned_nodes_are_darker():
+    mesh = meshes.box((2, 1, 1))
+    pinned = mesh.points[:, 0] == 0.0
+    body = simulation(pinned=pinned).body
+    surface = render.body_surface(body)
+    is_pinned = pinned[body.nodes.point[surface.triangles]]
+    assert (surface.colors[is_pinned] == render.Style().pinned).all()
+    assert (surface.colors[~is_pinned] == render.Style().outside).all()
+
+
+def test_contact_shadows_darken_a_groove_and_leave_a_plane_alone():
+    groove = np.array([(-2, 0, -9), (0, 2, -9), (2, 0, -9), (-2, 0, 9), (0, 2, 9), (2, 0, 9)], dtype=float)
+    triangles, colors = [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]], np.full((4, 3), 0.8)
+    flat = groove * (1, 0, 1)
+    for points, is_darker in ((groove, True), (flat, False)):
+        normals = corner_normals(points, np.array(triangles, dtype=np.int32), np.zeros(4, np.bool_))
+        surface = render.Surface(points, np.array(triangles, dtype=np.int32), colors, normals)
+        lit = render.draw(surface, FRONT, (64, 64), PLAIN)
+        shaded = render.draw(surface, FRONT, (64, 64), render.Style(gloss=0.0, wire=0.0, occlusion=1.0))
+        assert (lit[32, 30:34].astype(int).mean() - shaded[32, 30:34].mean() > 10) == is_darker
