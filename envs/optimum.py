@@ -1,0 +1,160 @@
+"""The cheapest set of cuts that frees the target: a minimum cut through tetrahedra and faces.
+
+Every tetrahedron becomes an edge in -> out whose capacity is the cost of its removal, every sewn face a pair of edges
+out -> in with the cost of its cut, and every healthy tetrahedron leaks from out to the sink what it costs to lose it:
+
+                  removal               face
+        target --> in ====> out --------------------> in ====> out --> sink (an anchor: without limit)
+                             ^-----------------------           |
+                                     face                       +--> sink (healthy: the cost of its loss)
+
+What the source still reaches comes off. (Ford and Fulkerson, 1956; the maximum flow is scipy's.)
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from envs.actions import ActionTable
+from envs.costs import face_costs, loss_costs, tetrahedron_costs
+from envs.scene import Scene
+from gmapspring.jit import kernel
+
+Array = np.ndarray[Any, Any]
+
+FLOW_LIMIT = 2**29
+"""Largest flow in whole numbers: scipy counts in int32, where a residual may reach a capacity plus a flow."""
+
+
+class MinimumCut(NamedTuple):
+    """What the cheapest way to free the target does."""
+
+    actions: Array
+    """Action ids, ascending, int64."""
+
+    cost: float
+    """Their costs and the cost of what they set loose, summed."""
+
+    lost: Array
+    """Healthy tetrahedra that come loose, bool, shape (n_tetrahedra,)."""
+
+    is_exact: bool
+    """Whether it is proven that no cheaper way exists; else the cost is an upper bound, seldom far off."""
+
+
+class _State(NamedTuple):
+    """A body part way through."""
+
+    is_attached: Array
+    is_sewn: Array
+    sides: Array
+
+
+def action_costs(scene: Scene, table: ActionTable) -> Array:
+    """Return what each action costs by itself, before any healthy tissue comes loose, shape (n_actions,)."""
+    return np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
+
+
+def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = None, is_sewn: Array | None = None) -> MinimumCut:
+    """Return the cheapest cuts that free the target, from the uncut body or from any later state.
+
+    Args:
+        scene: target, anchors and unit of length.
+        table: the actions of its mesh.
+        is_attached: tetrahedra that hang on an anchor, bool (n_tetrahedra,); all, if not given.
+        is_sewn: interior faces that are not cut, bool (n_faces,); all, if not given.
+    """
+    attached = np.ones(table.n_tetrahedra, dtype=bool) if is_attached is None else is_attached
+    sewn = np.ones(table.n_faces, dtype=bool) if is_sewn is None else is_sewn
+    sides = table.face_tetrahedra
+    state = _State(attached, sewn & attached[sides].all(axis=1), sides)
+    # What hangs on the target alone is lost with it; the flow itself does not know that tissue must hang on something.
+    off = attached & (scene.target | ~_held(state, attached & ~scene.target, scene.anchor))
+    is_exact = True
+    while True:
+        comes_off, is_removed = _split(scene, table, state, off)
+        stays = attached & ~comes_off & ~is_removed
+        islands = stays & ~_held(state, stays, scene.anchor)
+        if not islands.any():
+            break
+        is_exact = False
+        off = off | islands
+    return _plan(scene, table, state, comes_off, is_removed)._replace(is_exact=is_exact)
+
+
+def _plan(scene: Scene, table: ActionTable, state: _State, comes_off: Array, is_removed: Array) -> MinimumCut:
+    """Return the actions that part what comes off from what stays, and their cost."""
+    first, second = state.sides.T
+    is_cut = state.is_sewn & (comes_off[first] != comes_off[second]) & ~is_removed[first] & ~is_removed[second]
+    actions = np.concatenate([np.flatnonzero(is_cut), table.n_faces + np.flatnonzero(is_removed)])
+    lost = comes_off & ~scene.target
+    cost = float(action_costs(scene, table)[actions].sum() + loss_costs(table.volume, ~scene.target, scene.spacing)[lost].sum())
+    return MinimumCut(actions, cost, lost, True)
+
+
+def _held(state: _State, members: Array, anchor: Array) -> Array:
+    """Return which of some tetrahedra hang on an anchor by chains of sewn faces among themselves, bool."""
+    held = members & anchor
+    _spread(state.sides[state.is_sewn & members[state.sides].all(axis=1)], held)
+    return held
+
+
+@kernel
+def _spread(links, is_met):  # type: ignore[no-untyped-def]
+    """Mark all that is linked to what is marked; faces are few and chains short, so sweeps need no queue."""
+    is_growing = True
+    while is_growing:
+        is_growing = False
+        for link in range(links.shape[0]):
+            if is_met[links[link, 0]] != is_met[links[link, 1]]:
+                is_met[links[link, 0]] = is_met[links[link, 1]] = True
+                is_growing = True
+
+
+def _split(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple[Array, Array]:
+    """Return which tetrahedra come off and which are removed by the least cut that takes some off for certain."""
+    n_tets = table.n_tetrahedra
+    source, sink = 2 * n_tets, 2 * n_tets + 1
+    graph = _network(scene, table, state, off)
+    if not off.any():
+        return np.zeros(n_tets, dtype=bool), np.zeros(n_tets, dtype=bool)
+    flow = maximum_flow(graph, source, sink).flow
+    residual = csr_array(graph - flow)
+    residual.data[residual.data < 0] = 0
+    residual.eliminate_zeros()
+    is_reached = np.zeros(2 * n_tets + 2, dtype=bool)
+    # Of all minimum cuts this one takes the least off; it is the same for every maximum flow.
+    is_reached[breadth_first_order(residual, source, return_predecessors=False)] = True
+    reached_in, reached_out = is_reached[:n_tets], is_reached[n_tets:source]
+    return reached_out & state.is_attached, reached_in & ~reached_out & state.is_attached
+
+
+def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> Any:
+    """Return the capacities in whole numbers, int32 csr; rows are in-nodes, out-nodes, source, sink."""
+    n_tets, n_faces = table.n_tetrahedra, table.n_faces
+    costs = action_costs(scene, table)
+    losses = loss_costs(table.volume, ~scene.target, scene.spacing)
+    attached = np.flatnonzero(state.is_attached)
+    faces = np.flatnonzero(state.is_sewn)
+    first, second = state.sides[faces].T
+    is_rim = off[first] != off[second]
+    # Cutting what must come off all around is one way, so no flow exceeds its cost and no capacity need be larger.
+    limit = costs[faces[is_rim]].sum() + losses[off].sum()
+    scale = FLOW_LIMIT / limit if limit > 0.0 else 1.0
+    endless = np.inf
+    removal = np.where(scene.anchor, endless, costs[n_faces:])
+    leak = np.where(scene.anchor, endless, losses)
+    parts = [
+        (attached, attached + n_tets, removal[attached]),
+        (first + n_tets, second, costs[faces]),
+        (second + n_tets, first, costs[faces]),
+        (np.full(off.sum(), 2 * n_tets), np.flatnonzero(off), np.full(off.sum(), endless)),
+        (attached + n_tets, np.full(len(attached), 2 * n_tets + 1), leak[attached]),
+    ]
+    rows, columns, capacities = (np.concatenate(column) for column in zip(*parts, strict=True))
+    # One above the limit on the whole flow is as good as endless.
+    whole = np.minimum(np.rint(capacities * scale), FLOW_LIMIT + len(faces) + n_tets).astype(np.int32)
+    size = 2 * n_tets + 2
+    return csr_array((whole, (rows, columns)), shape=(size, size))

@@ -1,0 +1,186 @@
+"""Resect-v0: free the target by cutting, at the least cost, and let nothing collapse on the way."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from envs.actions import MASKS
+from envs.costs import NOTHING
+from envs.library import load_scenes
+from envs.observation import Observer, observation_space
+from envs.rewards import Transition, reward, reward_weights
+from envs.scene import Scene
+from envs.selection import select
+from envs.stage import Stage, StageCache, build_stage
+from envs.task import SEPARATED, Resection
+from gmapspring.config import closest
+from gmapspring.errors import ConfigError
+from gmapspring.render import render_body
+
+Array = np.ndarray[Any, Any]
+
+BUDGET = "budget"
+"""Reason of an episode that is cut short, by its cost or by its number of actions."""
+
+
+class ResectEnv(gym.Env[dict[str, Any], Any]):
+    """Cut faces and remove tetrahedra until nothing joins the target to an anchor.
+
+    `make("envs:Resect-v0", ...)` takes the arguments of the constructor. An action outside the mask changes nothing but
+    the count of actions and the reward, and `info["is_illegal"]` says so.
+
+    `info` of a step holds is_success, reason (why the episode ended, else None), cost, cost_ratio (over the optimum),
+    reward_terms (name -> raw and weighted; the weighted ones sum to the reward), is_illegal, scene and scene_seed.
+
+    `reset(seed=...)` fixes the whole sequence of scenes; `reset(options=...)` may choose the next one by `index`,
+    `scene_seed` or `scene`, and change it by `load_factor`, `load`, `target` or `young_modulus`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}
+
+    def __init__(
+        self,
+        scene: str | Scene | Sequence[Scene] = "box-108",
+        split: str = "train",
+        mask: str = "all",
+        reward: Mapping[str, float] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Check everything and find the scenes; bodies are built when they are first played.
+
+        Args:
+            scene: name of a shipped scene, a scene file, or scenes of one's own, all on the same mesh.
+            split: which of the scene's seeds to play: train, validation or test.
+            mask: what counts as legal, a name of `envs.actions.MASKS`.
+            reward: weights of reward terms that differ from their defaults.
+            render_mode: None or "rgb_array".
+        """
+        if mask not in MASKS:
+            raise ConfigError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ConfigError(f"there is no render mode {render_mode!r}; give None or 'rgb_array'")
+        self.mask_mode, self.render_mode = mask, render_mode
+        self.reward_weights = reward_weights(reward)
+        self.scenes = _scenes(scene, split)
+        self._stages = StageCache()
+        self._stage = self._stage_of(0)
+        table = self.task.table
+        self.action_space = spaces.Discrete(table.n_actions)
+        self.observation_space = space = observation_space(table.n_faces, table.n_tetrahedra)
+        self.step_limit = 10 + table.n_actions // 8
+        """Actions after which an episode is cut short: from the mesh alone, so that it tells nothing of the optimum."""
+        self._observer = Observer(space)
+        self._has_ended = True
+        self._mask = self.task.action_mask(self.mask_mode)
+        self.n_steps = 0
+
+    @property
+    def task(self) -> Resection:
+        """Return the body and rules of the episode, for policies that look ahead; before a reset, of the first scene."""
+        return self._stage.task
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene of the episode; before a reset, the first one."""
+        return self._stage.task.scene
+
+    @property
+    def optimum(self) -> float:
+        """Return the least total cost J* of the episode's scene."""
+        return self._stage.optimum
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Start an episode on the settled, uncut body of a scene."""
+        super().reset(seed=seed)
+        # Drawn whatever the options say, so that they do not shift the scenes that follow.
+        drawn = int(self.np_random.integers(len(self.scenes)))
+        selection = select(self.scenes, drawn, options)
+        self._stage = (
+            self._stage_of(selection.place) if selection.scene is None else self._stage_for(selection.scene)
+        )
+        self.task.reset()
+        self.n_steps, self._has_ended = 0, False
+        self._mask = self.task.action_mask(self.mask_mode)
+        return self._observe(), {"scene": self.scene.name, "scene_seed": self.scene.seed}
+
+    def step(self, action: int) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
+        """Cut, let the body settle, judge it."""
+        if self._has_ended:
+            raise gym.error.ResetNeeded("the episode has ended, or none has begun; call reset() first")
+        action = int(action)
+        if not 0 <= action < len(self._mask):
+            raise ValueError(f"action {action} is out of range 0..{len(self._mask) - 1}")
+        task, scene = self.task, self.scene
+        is_illegal = not self._mask[action]
+        parts = NOTHING if is_illegal else task.step(action)
+        self.n_steps += 1
+        if not is_illegal:
+            self._mask = task.action_mask(self.mask_mode)
+        outcome = None if is_illegal else task.outcome
+        total, terms = reward(Transition(parts.total, self.optimum, outcome, is_illegal), self.reward_weights)
+        terminated = outcome is not None
+        is_spent = task.cost > scene.budget * self.optimum or self.n_steps >= self.step_limit
+        truncated = is_spent and not terminated
+        self._has_ended = terminated or truncated
+        info = {
+            "is_success": outcome == SEPARATED,
+            "reason": BUDGET if truncated else outcome,
+            "cost": task.cost,
+            "cost_ratio": task.cost / self.optimum,
+            "reward_terms": terms,
+            "is_illegal": is_illegal,
+            "scene": scene.name,
+            "scene_seed": scene.seed,
+        }
+        return self._observe(), total, terminated, truncated, info
+
+    def action_masks(self) -> Array:
+        """Return the legal actions, bool (n_actions,), as MaskablePPO asks for them; before a reset, of the first scene."""
+        return self._mask.astype(bool)
+
+    def render(self) -> Array | None:
+        """Return a frame, uint8 (480, 480, 3), with the target in colours of its own; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return render_body(self.task.simulation.body, highlight=self.scene.target)
+
+    def _observe(self) -> dict[str, Array]:
+        """Return what there is to see now."""
+        return self._observer.observe(self.task, self._stage.constants, self.n_steps, self._mask)
+
+    def _stage_of(self, index: int) -> Stage:
+        """Return a scene of the list, ready to be played."""
+        stage = self._stages.get(index)
+        if stage is None:
+            stage = build_stage(self.scenes[index])
+            self._stages.keep(index, stage)
+        return stage
+
+    def _stage_for(self, scene: Scene) -> Stage:
+        """Return a scene from outside the list, ready to be played, or raise where it does not fit the spaces."""
+        if scene is self.scene:
+            return self._stage
+        stage = build_stage(scene)
+        mine, other = self.task.table, stage.task.table
+        if (mine.n_faces, mine.n_tetrahedra) != (other.n_faces, other.n_tetrahedra):
+            raise ConfigError(
+                f"scene {scene.name!r} has {other.n_faces} interior faces and {other.n_tetrahedra} tetrahedra, but this "
+                f"environment was made for {mine.n_faces} and {mine.n_tetrahedra}; make another one for it"
+            )
+        return stage
+
+
+def _scenes(scene: str | Scene | Sequence[Scene], split: str) -> Sequence[Scene]:
+    """Return the scenes that an environment plays."""
+    if isinstance(scene, Scene):
+        return [scene]
+    if isinstance(scene, Sequence) and not isinstance(scene, str):
+        if not scene:
+            raise ConfigError("the list of scenes is empty; give at least one")
+        return scene
+    return load_scenes(scene, split)

@@ -1,0 +1,124 @@
+"""Which scene an episode plays: drawn from the environment's own generator, or as `reset(options=...)` asks."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.scene import Scene
+from gmapspring.config import closest
+from gmapspring.errors import ConfigError
+
+CHOICES = {
+    "index": "number of a scene in the environment's list",
+    "scene_seed": "seed of a scene in the environment's list",
+    "scene": "a Scene on a mesh with as many tetrahedra and interior faces",
+}
+"""Options that choose a scene; at most one may be given."""
+
+CHANGES = {
+    "load_factor": "what to multiply the load by",
+    "load": "total force on the target [N], shape (3,)",
+    "target": "tetrahedra to be freed, bool, shape (n_tetrahedra,)",
+    "young_modulus": "stiffness [Pa], shape (n_tetrahedra,)",
+}
+"""Options that change the chosen scene; a changed scene has no certificate."""
+
+
+class Selection(NamedTuple):
+    """The scene of an episode."""
+
+    scene: Scene | None
+    """A scene that is not one of the list as it stands, or None."""
+
+    place: int
+    """Number in the list, -1 for a scene given as an option."""
+
+
+def select(scenes: Sequence[Scene], drawn: int, options: Mapping[str, Any] | None) -> Selection:
+    """Return the scene of an episode: the drawn one unless the options choose or change it.
+
+    Raises:
+        ConfigError: an option is unknown or does not fit; all mistakes are listed.
+    """
+    options = options or {}
+    mistakes = [
+        f"  options.{name}: unknown option; {closest(str(name), CHOICES | CHANGES)}"
+        for name in options
+        if name not in CHOICES and name not in CHANGES
+    ]
+    choices = [name for name in CHOICES if name in options]
+    if len(choices) > 1:
+        mistakes.append(f"  options: {' and '.join(choices)} each choose a scene; give one of them")
+    if mistakes:
+        raise ConfigError("\n".join(["reset options have mistakes:", *mistakes]))
+    selection = _chosen(scenes, drawn, options)
+    changes = {name: options[name] for name in CHANGES if name in options}
+    if not changes:
+        return selection
+    return Selection(_changed(selection.scene or scenes[selection.place], changes), selection.place)
+
+
+def _chosen(scenes: Sequence[Scene], drawn: int, options: Mapping[str, Any]) -> Selection:
+    """Return the scene before changes."""
+    if "scene" in options:
+        if not isinstance(options["scene"], Scene):
+            raise ConfigError(f"options.scene is {options['scene']!r}; give an envs.scene.Scene")
+        return Selection(options["scene"], -1)
+    if "scene_seed" in options:
+        seeds = list(getattr(scenes, "seeds", None) or (scene.seed for scene in scenes))
+        if options["scene_seed"] not in seeds:
+            raise ConfigError(
+                f"options.scene_seed = {options['scene_seed']!r} is none of the {len(seeds)} scenes here"
+            )
+        return Selection(None, seeds.index(options["scene_seed"]))
+    index = options.get("index", drawn)
+    if isinstance(index, bool) or not isinstance(index, int | np.integer) or not 0 <= index < len(scenes):
+        raise ConfigError(f"options.index = {index!r} is not a whole number from 0 to {len(scenes) - 1}")
+    return Selection(None, int(index))
+
+
+def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """Return a scene with some of it replaced: what was proved of the old one does not hold for it."""
+    n_tets = scene.mesh.n_tetrahedra
+    values: dict[str, Any] = {"certificate": None}
+    load = _array("load", changes.get("load", scene.load), (3,)) * float(
+        _array("load_factor", changes.get("load_factor", 1.0), ())
+    )
+    values["load"] = _frozen(load)
+    if "young_modulus" in changes:
+        values["young_modulus"] = _frozen(_array("young_modulus", changes["young_modulus"], (n_tets,)))
+        if not (values["young_modulus"] > 0.0).all():
+            raise ConfigError("options.young_modulus must be positive everywhere")
+    if "target" in changes:
+        target = np.array(changes["target"])
+        if (
+            target.dtype != np.bool_
+            or target.shape != (n_tets,)
+            or not target.any()
+            or (target & scene.anchor).any()
+        ):
+            raise ConfigError(
+                f"options.target must be a bool mask of shape ({n_tets},), not empty and without anchors"
+            )
+        values["target"] = _frozen(target)
+    return dataclasses.replace(scene, **values)
+
+
+def _array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Return an option as a new float64 array of a shape, or raise."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.full(shape, np.nan)
+    if array.shape != shape or not np.isfinite(array).all():
+        what = f"finite numbers of shape {shape}" if shape else "a finite number"
+        raise ConfigError(f"options.{name} must be {what}")
+    return array
+
+
+def _frozen(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return the array, read-only."""
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,395 @@
+"""Resect-v0 as its users meet it: made by name, checked by the checkers, seeded, replayed, copied, and learned on."""
+
+import copy
+import hashlib
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from envs.actions import MASKS
+from envs.costs import CostParts
+from envs.resect import ResectEnv
+from envs.rewards import REWARD_TERMS
+from gmapspring.errors import ConfigError
+from tests.bits import assert_same_bits, bits_of
+from tests.small_scene import play, random_policy, small_scene, with_certificate
+
+SCENES = [small_scene(seed) for seed in range(4)]
+
+
+def digest(steps):
+    """Return a hash of everything that an episode gave."""
+    found = hashlib.sha256()
+    for observation, reward, terminated, truncated, info in steps:
+        for array in observation.values():
+            found.update(array.tobytes())
+        found.update(repr((reward, terminated, truncated, info)).encode())
+    return found.hexdigest()
+
+
+def first_scenes(env, n=8, **seed):
+    """Return the seeds of the first scenes that an environment plays."""
+    return [env.reset(**(seed if i == 0 else {}))[1]["scene_seed"] for i in range(n)]
+
+
+@pytest.fixture
+def env():
+    """Return an environment on four small scenes."""
+    return ResectEnv(SCENES)
+
+
+def test_it_is_made_by_name_with_no_import():
+    program = (
+        "import gymnasium as gym; env = gym.make('envs:Resect-v0', scene='box-48', split='test', mask='reachable');"
+        "env.reset(seed=0); print(env.spec.id, env.action_space.n)"
+    )
+    printed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert printed.stdout.split() == ["Resect-v0", "120"]
+
+
+@pytest.mark.parametrize("name", ["envs:Resect-v0", "envs:ResectFlat-v0"])
+def test_gymnasium_finds_no_fault(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(name, scene=SCENES, render_mode="rgb_array").unwrapped)
+
+
+def test_stable_baselines_finds_no_fault():
+    from stable_baselines3.common.env_checker import check_env as check_for_sb3
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Tables of rows are what they are; a network that wants one vector takes ResectFlat-v0.
+        warnings.filterwarnings("ignore", "Your observation .* has an unconventional shape")
+        check_for_sb3(gym.make("envs:Resect-v0", scene=SCENES).unwrapped)
+        check_for_sb3(gym.make("envs:ResectFlat-v0", scene=SCENES))
+
+
+@pytest.mark.parametrize(
+    ("name", "policy"), [("Resect-v0", "MultiInputPolicy"), ("ResectFlat-v0", "MlpPolicy")]
+)
+def test_maskable_ppo_learns_out_of_the_box(name, policy):
+    from sb3_contrib import MaskablePPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    envs = make_vec_env(f"envs:{name}", n_envs=2, env_kwargs={"scene": SCENES})
+    model = MaskablePPO(policy, envs, n_steps=8, batch_size=8, n_epochs=1, device="cpu", seed=0)
+    model.learn(32)
+    observation = envs.reset()
+    masks = np.stack(envs.env_method("action_masks"))
+    actions, _ = model.predict(observation, action_masks=masks)
+    assert masks[[0, 1], actions].all()
+
+
+def test_masks_are_found_through_wrappers_and_before_a_reset():
+    wrapped = gym.make("envs:ResectFlat-v0", scene=SCENES, mask="focus")
+    before = wrapped.get_wrapper_attr("action_masks")()
+    assert before.dtype == bool and before.any()
+    wrapped.reset(seed=0, options={"index": 0})
+    assert np.array_equal(before, wrapped.get_wrapper_attr("action_masks")())
+
+
+def test_the_flat_variant_holds_the_tables_one_after_another():
+    flat, plain = gym.make("envs:ResectFlat-v0", scene=SCENES), ResectEnv(SCENES)
+    vector, tables = flat.reset(seed=3)[0], plain.reset(seed=3)[0]
+    expected = [tables[name].ravel() for name in ("nodes", "faces", "tetrahedra", "globals")]
+    assert vector.dtype == np.float32
+    assert np.array_equal(vector, np.concatenate(expected))
+
+
+# Seeding and options ----------------------------------------------------------------------------------------------
+
+
+def test_a_seed_fixes_the_whole_sequence_of_scenes(env):
+    assert first_scenes(env, seed=5) == first_scenes(env, seed=5)
+    assert len(set(first_scenes(env, 40, seed=5))) == len(SCENES)
+
+
+def test_the_sequence_is_the_same_in_every_wrapper_and_however_episodes_end(env):
+    expected = first_scenes(env, seed=5)
+    assert first_scenes(gym.make("envs:ResectFlat-v0", scene=SCENES), seed=5) == expected
+    seen = []
+    for i in range(len(expected)):
+        _, info = env.reset(seed=5) if i == 0 else env.reset()
+        seen.append(info["scene_seed"])
+        for _ in range(i):
+            if env.step(int(np.flatnonzero(env.action_masks())[-1]))[2]:
+                break
+    assert seen == expected
+
+
+def test_autoreset_in_a_vector_goes_on_with_the_same_sequence(env):
+    expected = first_scenes(env, 3, seed=5)
+    vector = gym.make_vec("envs:Resect-v0", num_envs=1, vectorization_mode="sync", scene=SCENES)
+    _, info = vector.reset(seed=[5])
+    seen = [int(info["scene_seed"][0])]
+    while len(seen) < 3:
+        mask = vector.envs[0].unwrapped.action_masks()
+        _, _, terminated, truncated, _ = vector.step(np.array([np.flatnonzero(mask)[0]]))
+        if terminated[0] or truncated[0]:
+            seen.append(int(vector.step(np.array([0]))[4]["scene_seed"][0]))
+    assert seen == expected
+
+
+def test_options_do_not_shift_the_scenes_that_follow(env):
+    expected = first_scenes(env, 4, seed=5)
+    seen = [env.reset(seed=5)[1]["scene_seed"]]
+    env.reset(options={"index": 2})
+    seen += [None, env.reset()[1]["scene_seed"], env.reset()[1]["scene_seed"]]
+    assert seen[2:] == expected[2:]
+
+
+def test_options_choose_a_scene(env):
+    assert env.reset(options={"index": 2})[1]["scene_seed"] == 2
+    assert env.reset(options={"scene_seed": 3})[1]["scene_seed"] == 3
+    other = small_scene(17)
+    assert env.reset(options={"scene": other})[1]["scene_seed"] == 17
+    assert env.scene is other
+
+
+def test_options_change_a_scene_for_one_episode(env):
+    env.reset(options={"index": 0})
+    load, strain = env.task.load, env.task.tissue.healthy_strain
+    env.reset(options={"index": 0, "load_factor": 2.0})
+    assert np.array_equal(env.task.load, 2.0 * load)
+    assert env.task.tissue.healthy_strain > strain
+    assert env.optimum == pytest.approx(SCENES[0].certificate.optimum, rel=1e-12)
+    env.reset(options={"index": 0})
+    assert np.array_equal(env.task.load, load)
+    stiff = np.full(48, 1e4)
+    env.reset(options={"index": 0, "young_modulus": stiff, "load": [0.0, 0.0, 0.0]})
+    assert np.array_equal(env.scene.young_modulus, stiff) and not env.task.load.any()
+    target = np.zeros(48, dtype=bool)
+    target[-18:-12] = True  # the top cube beside
+    observation, _ = env.reset(options={"index": 0, "target": target})
+    assert np.array_equal(observation["tetrahedra"][:, 2], target)
+    assert env.scene.certificate is None and env.optimum > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"indx": 1}, r"options\.indx: unknown option; did you mean 'index'\?"),
+        ({"load_facto": 1, "scen": 2}, r"(?s)'load_factor'.*'scene'"),
+        ({"index": 4}, r"options\.index = 4 is not a whole number from 0 to 3"),
+        ({"index": True}, r"options\.index"),
+        ({"index": 1, "scene_seed": 1}, r"index and scene_seed each choose a scene"),
+        ({"scene_seed": 99}, r"options\.scene_seed = 99 is none of the 4"),
+        ({"scene": "box"}, r"options\.scene is 'box'; give an envs\.scene\.Scene"),
+        ({"scene": small_scene(cells=(2, 2, 1))}, r"this environment was made for 72 and 48"),
+        ({"load_factor": "much"}, r"options\.load_factor must be a finite number"),
+        ({"load": [1.0, 2.0]}, r"options\.load must be finite numbers of shape \(3,\)"),
+        ({"target": np.zeros(48, bool)}, r"options\.target"),
+        ({"young_modulus": np.zeros(48)}, r"options\.young_modulus must be positive"),
+    ],
+)
+def test_an_option_that_does_not_fit_is_an_error(env, options, message):
+    with pytest.raises(ConfigError, match=message):
+        env.reset(options=options)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"mask": "al"}, r"no mask 'al'; did you mean 'all'\?"),
+        ({"reward": {"colapse": 1.0}}, r"reward\.colapse: unknown term; did you mean 'collapse'\?"),
+        ({"render_mode": "human"}, r"no render mode 'human'"),
+        ({"scene": []}, r"list of scenes is empty"),
+        ({"scene": "box-109"}, r"no scene 'box-109'"),
+        ({"scene": "box-48", "split": "tset"}, r"no split 'tset'; did you mean 'test'\?"),
+    ],
+)
+def test_a_constructor_argument_that_does_not_fit_is_an_error(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        ResectEnv(**{"scene": SCENES} | arguments)
+
+
+# Rules ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", MASKS)
+def test_an_illegal_action_changes_no_bit_of_the_body_and_is_flagged(mode):
+    env = ResectEnv(SCENES, mask=mode)
+    env.reset(seed=0)
+    env.step(int(np.flatnonzero(env.action_masks())[0]))
+    before, cost = bits_of(env.task.simulation), env.task.cost
+    for action in np.flatnonzero(~env.action_masks())[:5]:
+        _, reward, terminated, truncated, info = env.step(int(action))
+        assert info["is_illegal"] and not (terminated or truncated)
+        assert reward == info["reward_terms"]["illegal"]["weighted"] == -0.1
+        assert env.task.cost == cost
+    assert_same_bits(before, bits_of(env.task.simulation))
+
+
+def test_a_run_of_illegal_actions_ends(env):
+    steps = play(env, lambda env, _: int(np.flatnonzero(~env.action_masks())[0]))
+    assert len(steps) == env.step_limit
+    assert steps[-1][3] and steps[-1][4]["reason"] == "budget" and not steps[-1][4]["is_success"]
+
+
+def test_an_episode_is_cut_short_past_twice_the_least_cost(env):
+    # Faces within the pinned layer and the target cost without freeing anything.
+    def waste(env, _):
+        mask = env.action_masks()[: env.task.table.n_faces]
+        sides = env.task.table.face_tetrahedra
+        idle = mask & env.scene.anchor[sides].all(axis=1)
+        return int(np.flatnonzero(idle if idle.any() else mask)[0])
+
+    steps = play(env, waste, options={"index": 0, "load_factor": 0.0})
+    last = steps[-1][4]
+    assert last["reason"] == "budget" and steps[-1][3] and not steps[-1][2]
+    assert last["cost_ratio"] > 2.0 >= steps[-2][4]["cost_ratio"]
+
+
+def test_without_a_load_the_cheapest_cuts_free_the_target_for_a_return_of_one(env):
+    plan = iter(SCENES[1].certificate.order)
+    steps = play(env, lambda env, _: next(plan), options={"index": 1, "load_factor": 0.0})
+    assert steps[-1][2] and steps[-1][4]["is_success"] and steps[-1][4]["reason"] == "separated"
+    assert steps[-1][4]["cost_ratio"] == pytest.approx(1.0, abs=1e-9)
+    assert sum(step[1] for step in steps) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_load_that_is_too_much_is_a_collapse_by_name(env):
+    steps = play(env, random_policy(0), options={"index": 0, "load_factor": 10.0})
+    assert steps[-1][2] and steps[-1][4]["reason"] in ("tear", "inverted")
+    assert steps[-1][4]["reward_terms"]["collapse"] == {"raw": 1.0, "weighted": -1.0}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_reward_terms_sum_to_the_reward_to_the_last_bit(env, seed):
+    for _, reward, _, _, info in play(env, random_policy(seed), seed):
+        assert list(info["reward_terms"]) == list(REWARD_TERMS)
+        assert sum(term["weighted"] for term in info["reward_terms"].values()) == reward
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_cost_is_area_and_volume_cut_and_healthy_volume_lost(env, seed):
+    choose = random_policy(seed)
+    env.reset(seed=seed)
+    table, h, total = env.task.table, 0.01, 0.0
+    while True:
+        before, action = env.task.is_attached.copy(), choose(env, None)
+        _, _, terminated, truncated, info = env.step(action)
+        lost = before & ~env.task.is_attached & ~env.scene.target
+        if action < table.n_faces:
+            total += table.face_area[action] / h**2
+        else:
+            lost[action - table.n_faces] = False
+            total += 6.6 * table.volume[action - table.n_faces] / h**3
+        total += 1.5 * table.volume[lost].sum() / h**3
+        assert info["cost"] == pytest.approx(total, rel=1e-12)
+        assert info["cost_ratio"] == info["cost"] / env.optimum
+        if terminated or truncated:
+            return
+
+
+def test_parts_of_a_cost_sum_to_it():
+    assert CostParts(1.0, 2.0, 0.5).total == 3.5
+
+
+def test_loose_pieces_leave_the_body_and_the_load_stays_whole(env):
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        legal = np.flatnonzero(env.task.action_mask())
+        env.task.apply(int(rng.choice(legal)))
+        body, task = env.task.simulation.body, env.task
+        assert np.array_equal(body.is_alive, task.is_attached)
+        held = task.is_attached & env.scene.target
+        total = body.nodes.external[:, :3].sum(axis=0)
+        np.testing.assert_allclose(total, env.scene.load if held.any() else 0.0, atol=1e-12)
+        task.simulation.check_validity()
+        if not held.any():
+            break
+
+
+def test_a_finished_episode_asks_for_a_reset(env):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action 120 is out of range 0\.\.119"):
+        env.step(120)
+    play(env, random_policy())
+    with pytest.raises(gym.error.ResetNeeded, match="call reset"):
+        env.step(0)
+
+
+def test_a_scene_without_a_certificate_can_be_played():
+    scene = with_certificate(SCENES[0], None)
+    env = ResectEnv(scene)
+    assert env.optimum == pytest.approx(SCENES[0].certificate.optimum, rel=1e-12)
+
+
+def test_single_precision_plays_the_same_episode_to_its_own_accuracy():
+    physics = SCENES[0].physics.model_copy(update={"dtype": "float32"})
+    episodes = [
+        play(ResectEnv(small_scene(0, physics=physics_of)), random_policy(3))
+        for physics_of in (SCENES[0].physics, physics)
+    ]
+    assert [step[1] for step in episodes[0]] == [step[1] for step in episodes[1]]
+    for double, single in zip(*episodes, strict=True):
+        np.testing.assert_allclose(single[0]["globals"], double[0]["globals"], rtol=1e-2, atol=1e-3)
+
+
+def test_frames_show_the_body():
+    env = ResectEnv(SCENES, render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    env.step(int(np.flatnonzero(env.action_masks())[-1]))
+    assert first.dtype == np.uint8 and first.shape == (480, 480, 3)
+    assert (first != env.render()).any()
+    assert ResectEnv(SCENES).render() is None
+
+
+# Replay -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_episode_repeats_to_the_last_bit(env):
+    assert digest(play(env, random_policy(1), 7)) == digest(play(env, random_policy(1), 7))
+
+
+def test_an_episode_repeats_whatever_was_played_before(env):
+    expected = digest(play(ResectEnv(SCENES), random_policy(1), 7))
+    for seed in range(3):
+        play(env, random_policy(seed), seed)
+    assert digest(play(env, random_policy(1), 7)) == expected
+
+
+def test_an_episode_repeats_in_a_fresh_process(env):
+    program = (
+        "from tests.end_to_end.test_resect_env import *;"
+        "print(digest(play(ResectEnv(SCENES), random_policy(1), 7)))"
+    )
+    printed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert printed.stdout.strip() == digest(play(env, random_policy(1), 7))
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_from_the_middle_of_an_episode(env, duplicate):
+    env.reset(seed=2)
+    for _ in range(3):
+        env.step(int(np.flatnonzero(env.action_masks())[7]))
+    twin = duplicate(env)
+    for _ in range(3):
+        action = int(np.flatnonzero(env.action_masks())[3])
+        assert digest([env.step(action)]) == digest([twin.step(action)])
+    assert first_scenes(env) == first_scenes(twin)
+
+
+def test_snapshots_of_the_task_restore_it_to_the_last_bit(env):
+    env.reset(seed=0)
+    task = env.task
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        state, action = task.save_state(), int(rng.choice(np.flatnonzero(task.action_mask())))
+        task.step(action)
+        once = bits_of(task.simulation)
+        cost, outcome, tissue = task.cost, task.outcome, task.tissue
+        task.load_state(state)
+        task.step(action)
+        assert_same_bits(once, bits_of(task.simulation))
+        assert (cost, outcome, tissue) == (task.cost, task.outcome, task.tissue)

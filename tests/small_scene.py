@@ -1,0 +1,77 @@
+"""Small scenes made on the spot, so that tests of the environment need no shipped file."""
+
+import numpy as np
+
+from envs.actions import action_table
+from envs.optimum import minimum_cut
+from envs.scene import Certificate, Scene
+from envs.scene_config import Limits, Physics
+from gmapspring import meshes
+
+SPACING = 0.01
+
+
+def small_scene(seed=0, cells=(2, 2, 2), load=0.2, **changes):
+    """Return a box whose top corner cube is the target, unevenly stiff, pulled by a force [N] in a random direction.
+
+    Its certificate names the least cost, and no order: `certificate=None` takes it away.
+    """
+    rng = np.random.default_rng(seed)
+    mesh = meshes.box(cells, spacing=SPACING)
+    target = np.zeros(mesh.n_tetrahedra, dtype=bool)
+    target[-6:] = True
+    direction = rng.normal(size=3)
+    direction[2] = abs(direction[2]) + 0.5
+    values = {
+        "name": "small",
+        "seed": seed,
+        "mesh": mesh,
+        "target": target,
+        "pinned": mesh.points[:, 2] < 1e-9,
+        "young_modulus": 5000.0 * np.exp(rng.normal(size=mesh.n_tetrahedra)),
+        "load": load * direction / np.linalg.norm(direction),
+        "spacing": SPACING,
+        "reference_modulus": 5000.0,
+        "physics": Physics(
+            density=1000.0,
+            viscosity=30.0,
+            settle_seconds=0.12,
+            initial_settle_seconds=0.48,
+            integrator="symplectic_euler",
+        ),
+        "limits": Limits(strain=0.5, volume_ratio=0.05, healthy_share=0.75),
+        "budget": 2.0,
+    }
+    scene = Scene(**values | {name: value for name, value in changes.items() if name != "certificate"})
+    if "certificate" in changes:
+        return with_certificate(scene, changes["certificate"])
+    cut = minimum_cut(scene, action_table(scene.mesh))
+    return with_certificate(scene, fake_certificate(cut.cost, tuple(int(action) for action in cut.actions)))
+
+
+def fake_certificate(optimum, order=()):
+    """Return a certificate that was never checked."""
+    return Certificate(optimum, order, load_factor=1.0, peak_strain=0.4, lowest_volume_ratio=0.5)
+
+
+def with_certificate(scene, certificate):
+    """Return a scene with another certificate."""
+    values = {name: getattr(scene, name) for name in scene.__dataclass_fields__}
+    return Scene(**values | {"certificate": certificate})
+
+
+def play(env, choose, seed=0, options=None):
+    """Play one episode; choose(env, observation) gives an action. Return the list of all steps' results."""
+    observation, _ = env.reset(seed=seed, options=options)
+    steps = []
+    while True:
+        steps.append(env.step(choose(env.unwrapped, observation)))
+        observation, _, terminated, truncated, _ = steps[-1]
+        if terminated or truncated:
+            return steps
+
+
+def random_policy(seed=0):
+    """Return a policy that draws among the legal actions."""
+    rng = np.random.default_rng(seed)
+    return lambda env, observation: int(rng.choice(np.flatnonzero(env.action_masks())))
