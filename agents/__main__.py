@@ -1,0 +1,8 @@
+"""The command line: python -m agents train | evaluate | demo."""
+
+import sys
+
+from agents.command_line import main
+
+if __name__ == "__main__":
+    sys.exit(main())

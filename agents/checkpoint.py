@@ -1,0 +1,130 @@
+"""Saved policies: stable-baselines3's zip file with a page about itself, written in one go and read without pickle.
+
+`MaskablePPO.load` reads these files too; reading them here runs no code that they may hold.
+"""
+
+import io
+import json
+import pathlib
+import pickle
+import zipfile
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from gymnasium import spaces
+from sb3_contrib import MaskablePPO
+
+from agents.candidate_policy import CandidatePolicy
+from agents.features import Observed
+from envs.observation import COLUMNS
+from gmapspring.errors import GmapspringError
+from gmapspring.paths import write_atomically
+
+FORMAT = 1
+"""Version of the page."""
+_PAGE = "gmapspring.json"
+_TRANSIENT = ("_last_obs", "_last_episode_starts", "_last_original_obs", "ep_info_buffer", "ep_success_buffer")
+
+
+class CheckpointError(GmapspringError, ValueError):
+    """A file that is no policy, or one for another observation."""
+
+
+class Page(NamedTuple):
+    """What a saved policy says about itself."""
+
+    scene: str
+    """Name or file of the scenes it was trained on."""
+    mask: str
+    """Mask mode it was trained with."""
+    hidden: int
+    """Width of its layers."""
+    n_steps: int
+    """Environment steps it has seen."""
+    cpu_seconds: float
+    """CPU time its training took [s]."""
+    best_return: float | None
+    """Best validation return of the run so far, None before the first validation."""
+    columns: dict[str, list[str]]
+    """Columns of the observation that it reads, by table."""
+
+
+def observation_columns() -> dict[str, list[str]]:
+    """Return the columns that a policy of this version reads."""
+    return {name: [column.name for column in COLUMNS[name]] for name in Observed._fields if name in COLUMNS}
+
+
+def save_checkpoint(paths: Iterable[pathlib.Path], model: MaskablePPO, page: Page) -> None:
+    """Write a model, its optimizer and its page to one or more files."""
+    stream = io.BytesIO()
+    model.save(stream, exclude=_TRANSIENT)
+    with zipfile.ZipFile(stream, "a") as archive:
+        archive.writestr(_PAGE, json.dumps({"format": FORMAT, **page._asdict()}, indent=1))
+    for path in paths:
+        write_atomically(path, stream.getvalue())
+
+
+def read_page(path: pathlib.Path) -> Page:
+    """Return the page of a saved policy.
+
+    Raises:
+        CheckpointError: the file is missing, foreign, truncated, of another version or for another observation.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            damaged = archive.testzip()
+            page = json.loads(archive.read(_PAGE))
+        version = page.pop("format")
+        if version != FORMAT:
+            raise CheckpointError(f"{path} is of format {version}; this version reads {FORMAT}: train again")
+        page = Page(**page)
+    except OSError as error:
+        raise CheckpointError(f"cannot read {path}: {error.strerror or error}") from None
+    except (zipfile.BadZipFile, KeyError, ValueError, TypeError, EOFError) as error:
+        if isinstance(error, CheckpointError):
+            raise
+        raise CheckpointError(f"{path} is not a policy saved by `python -m agents train`, or only part of one") from None
+    if damaged:
+        raise CheckpointError(f"{path} is damaged: {damaged} fails its checksum")
+    _check_columns(path, page.columns)
+    return page
+
+
+def _check_columns(path: pathlib.Path, columns: dict[str, list[str]]) -> None:
+    """Raise where a policy reads other columns than the environment of this version shows."""
+    for name, known in observation_columns().items():
+        if columns.get(name) != known:
+            raise CheckpointError(
+                f"{path} was trained on another observation: its table {name!r} has columns "
+                f"{columns.get(name)}, here it has {known}; train again"
+            )
+
+
+def load_policy(path: pathlib.Path, observation_space: spaces.Dict, action_space: spaces.Discrete) -> CandidatePolicy:
+    """Return a saved policy, ready to predict; the mesh may have another size than the one it was trained on."""
+    page = read_page(path)
+    policy = CandidatePolicy(observation_space, action_space, lambda _: 0.0, hidden=page.hidden)
+    _put(path, "policy.pth", policy)
+    policy.set_training_mode(False)
+    return policy
+
+
+def restore_model(path: pathlib.Path, model: MaskablePPO) -> Page:
+    """Put the weights and the optimizer of a checkpoint into a model made for the same configuration."""
+    page = read_page(path)
+    _put(path, "policy.pth", model.policy)
+    _put(path, "policy.optimizer.pth", model.policy.optimizer)
+    model.num_timesteps = page.n_steps
+    return page
+
+
+def _put(path: pathlib.Path, member: str, into: torch.nn.Module | torch.optim.Optimizer) -> None:
+    """Load the tensors of one member of a checkpoint."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            tensors = torch.load(io.BytesIO(archive.read(member)), map_location="cpu", weights_only=True)
+        into.load_state_dict(tensors)
+    except (KeyError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
+        reason = " ".join(str(error).split())
+        raise CheckpointError(f"{path} does not fit the network of this version: {member}: {reason:.300}") from None

@@ -1,0 +1,148 @@
+"""Scripted policies: what a rule can do without learning, to be beaten or to be looked up to.
+
+Each rule is a function of a `Situation`. All but `random` look at the simulator behind the environment, and so must be
+bound to the environment that they play: `ScriptedPolicy("lookahead").bind(env)`.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self
+
+import gymnasium as gym
+import numpy as np
+
+from envs.optimum import minimum_cut
+from envs.resect import ResectEnv
+from envs.task import SEPARATED
+from gmapspring.config import closest
+from gmapspring.errors import ConfigError, GmapspringError
+
+Array = np.ndarray[Any, Any]
+
+
+class Situation(NamedTuple):
+    """What a rule chooses by."""
+
+    observation: dict[str, Array]
+    """One observation, without a batch dimension."""
+
+    legal: Array
+    """Ids of the legal actions, ascending, int64."""
+
+    env: ResectEnv
+    """The environment that is played."""
+
+    rng: np.random.Generator
+    """Source of chance."""
+
+
+def choose_random(situation: Situation) -> int:
+    """Choose any legal action."""
+    return int(situation.rng.choice(situation.legal))
+
+
+def choose_rim_first(situation: Situation) -> int:
+    """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
+    env, table = situation.env, situation.env.task.table
+    is_interface = np.diff(env.scene.target[table.face_tetrahedra], axis=1)[:, 0]
+    faces = np.intersect1d(np.flatnonzero(is_interface), situation.legal)
+    if len(faces) == 0:
+        return choose_random(situation)
+    middle = table.face_centroid[is_interface].mean(axis=0)
+    distance = np.linalg.norm(table.face_centroid[faces] - middle, axis=1)
+    return int(faces[np.argmax(distance)])
+
+
+def choose_minimum_cut_by_index(situation: Situation) -> int:
+    """Work out the cheapest plan anew and do its action of lowest id; physics plays no part."""
+    return int(_plan(situation)[0])
+
+
+def choose_minimum_cut_at_random(situation: Situation) -> int:
+    """Work out the cheapest plan anew and do any of its actions; physics plays no part."""
+    return int(situation.rng.choice(_plan(situation)))
+
+
+def choose_by_lookahead(situation: Situation) -> int:
+    """Try every action of the cheapest plan in the simulator and do the one after which healthy tissue strains least."""
+    task = situation.env.task
+    plan = _plan(situation)
+    start = task.save_state()
+    strains = []
+    for action in plan:
+        task.step(int(action))
+        is_safe = task.outcome in (None, SEPARATED)
+        strains.append(task.tissue.healthy_strain if is_safe else np.inf)
+        task.load_state(start)
+    return int(plan[np.argmin(strains)])
+
+
+def choose_by_certificate(situation: Situation) -> int:
+    """Follow the order that is known to survive at the least cost."""
+    certificate = situation.env.scene.certificate
+    if certificate is None:
+        raise ConfigError("this scene has no certificate to follow; choose another policy")
+    order = np.array(certificate.order)
+    ahead = order[np.isin(order, situation.legal)]
+    return int(ahead[0]) if len(ahead) else choose_random(situation)
+
+
+def _plan(situation: Situation) -> Array:
+    """Return the legal actions of the cheapest plan from here, ascending; all legal ones where the mask allows none."""
+    task = situation.env.task
+    is_sewn = task.action_mask("all")[: task.table.n_faces].astype(bool)
+    plan = minimum_cut(task.scene, task.table, task.is_attached, is_sewn).actions
+    allowed = np.intersect1d(plan, situation.legal)
+    return allowed if len(allowed) else situation.legal
+
+
+POLICIES: dict[str, Callable[[Situation], int]] = {
+    "random": choose_random,
+    "rim-first": choose_rim_first,
+    "min-cut-index": choose_minimum_cut_by_index,
+    "min-cut-random": choose_minimum_cut_at_random,
+    "lookahead": choose_by_lookahead,
+    "certificate": choose_by_certificate,
+}
+"""Rules by name."""
+
+
+class ScriptedPolicy:
+    """Play by a rule, through the same `predict` as stable-baselines3's policies."""
+
+    def __init__(self, name: str, rng: np.random.Generator | None = None) -> None:
+        """Find the rule; without a generator chance starts from seed 0.
+
+        Raises:
+            ConfigError: there is no such rule.
+        """
+        if name not in POLICIES:
+            raise ConfigError(f"there is no scripted policy {name!r}; {closest(name, POLICIES)}")
+        self.name = name
+        self._choose = POLICIES[name]
+        self._rng = np.random.default_rng(0) if rng is None else rng
+        self._env: Any = None
+
+    def bind(self, env: gym.Env[Any, Any]) -> Self:
+        """Play this environment from now on; wrappers around it do not matter."""
+        self._env = env.unwrapped
+        return self
+
+    def predict(
+        self,
+        observation: dict[str, Array],
+        state: Any = None,
+        episode_start: Array | None = None,
+        deterministic: bool = False,
+        action_masks: Array | None = None,
+    ) -> tuple[Any, Any]:
+        """Choose a legal action, as (action, state); of a batch only one row can be the environment that is bound."""
+        mask = np.asarray(observation["action_mask"] if action_masks is None else action_masks)
+        is_batch = np.ndim(observation["globals"]) == 2
+        if is_batch:
+            if len(observation["globals"]) != 1:
+                raise GmapspringError("a scripted policy plays one environment; give it one observation at a time")
+            observation = {key: array[0] for key, array in observation.items()}
+        if self._env is None and self.name != "random":
+            raise GmapspringError(f"policy {self.name!r} looks into the simulator: call bind(env) first")
+        action = self._choose(Situation(observation, np.flatnonzero(mask), self._env, self._rng))
+        return (np.array([action]) if is_batch else action), state

@@ -1,0 +1,96 @@
+"""The form of a training configuration."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, field_validator, model_validator
+
+from envs.actions import MASKS
+from gmapspring.config import Config, check_config, closest
+
+UnitShare = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class PPOSettings(Config):
+    """Settings of the learner (Schulman et al., 2017)."""
+
+    n_envs: PositiveInt
+    """Environments played side by side, in one process."""
+    n_steps: PositiveInt
+    """Steps of each environment between two updates."""
+    batch_size: PositiveInt
+    """Steps per gradient."""
+    n_epochs: PositiveInt
+    """Passes over the steps of an update."""
+    learning_rate: PositiveFloat
+    clip_range: PositiveFloat
+    """How far an update may move the ratio of new to old probabilities from 1. Of some 250 actions each starts with a
+    small probability, which can grow only by this factor per update: short updates and a wide range learn faster."""
+    entropy: NonNegativeFloat
+    """Weight of the entropy in the loss."""
+    gamma: UnitShare
+    """Discount per step."""
+    gae_lambda: UnitShare
+    shaping: NonNegativeFloat
+    """Weight of a reward for each part of the interface that is cut, as a potential: it changes no optimum."""
+    hidden: PositiveInt
+    """Width of the network's layers."""
+
+    @model_validator(mode="after")
+    def _batch_fits(self) -> Self:
+        if self.n_envs * self.n_steps % self.batch_size:
+            raise ValueError(f"batch_size {self.batch_size} does not divide n_envs * n_steps = {self.n_envs * self.n_steps}")
+        return self
+
+
+class StopRule(Config):
+    """When training ends: at whichever comes first."""
+
+    steps: PositiveInt | None = None
+    """Steps of all environments together."""
+    cpu_seconds: PositiveFloat | None = None
+    """CPU time of the process, imports and validation included [s]; no update starts that would overrun it."""
+
+    @model_validator(mode="after")
+    def _names_a_limit(self) -> Self:
+        if self.steps is None and self.cpu_seconds is None:
+            raise ValueError("give steps, cpu_seconds, or both")
+        return self
+
+
+class ValidationSettings(Config):
+    """How the best policy is chosen: on validation scenes, never on test scenes."""
+
+    every_updates: PositiveInt
+    """Updates between two validations; a checkpoint is written with each."""
+    episodes: PositiveInt
+    keep_checkpoints: PositiveInt = 3
+    """Checkpoints kept beside the best and the last."""
+
+
+class TrainingConfig(Config):
+    """Describe one training run."""
+
+    scene: str
+    """Name of a shipped scene, or a scene file."""
+    mask: str = "all"
+    """What counts as legal, a name of `envs.actions.MASKS`."""
+    seed: NonNegativeInt
+    ppo: PPOSettings
+    stop: StopRule
+    validation: ValidationSettings
+
+    @field_validator("mask")
+    @classmethod
+    def _mask_is_registered(cls, mask: str) -> str:
+        if mask not in MASKS:
+            raise ValueError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
+        return mask
+
+    def replaced(self, seed: int | None, cpu_seconds: float | None) -> "TrainingConfig":
+        """Return the same with another seed, and with CPU time as the only rule for stopping, where they are given."""
+        changes: dict[str, object] = {}
+        if seed is not None:
+            changes["seed"] = seed
+        if cpu_seconds is not None:
+            changes["stop"] = {"cpu_seconds": cpu_seconds}
+        return check_config(self.model_dump(mode="json") | changes, TrainingConfig, source="the command line")

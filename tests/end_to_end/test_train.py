@@ -1,0 +1,325 @@
+"""Training: what is learnt is kept, and a run that was stopped goes on as if it never had been."""
+
+import csv
+import json
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+import yaml
+
+torch = pytest.importorskip("torch")
+
+from rich.console import Console  # noqa: E402
+from sb3_contrib import MaskablePPO  # noqa: E402
+
+from agents.checkpoint import CheckpointError, load_policy, read_page  # noqa: E402
+from agents.command_line import main  # noqa: E402
+from agents.progress import ProgressReport  # noqa: E402
+from agents.run_folder import RunFolderError  # noqa: E402
+from agents.training import Trainer  # noqa: E402
+from agents.training_config import TrainingConfig  # noqa: E402
+from agents.training_view import TrainingView, interface_area  # noqa: E402
+from envs.resect import ResectEnv  # noqa: E402
+from gmapspring.config import check_config, load_config  # noqa: E402
+from gmapspring.errors import ConfigError  # noqa: E402
+from gmapspring.paths import configs_folder  # noqa: E402
+from tests.small_scene import small_scene  # noqa: E402
+
+UPDATE = 32
+"""Steps of an update of the small run."""
+
+SMALL = {
+    "scene": "box-48",
+    "seed": 5,
+    "ppo": {
+        "n_envs": 2,
+        "n_steps": UPDATE // 2,
+        "batch_size": 16,
+        "n_epochs": 1,
+        "learning_rate": 1e-2,
+        "clip_range": 0.2,
+        "entropy": 0.01,
+        "gamma": 0.99,
+        "gae_lambda": 0.95,
+        "shaping": 1.0,
+        "hidden": 8,
+    },
+    "stop": {"steps": 4 * UPDATE},
+    "validation": {"every_updates": 2, "episodes": 1, "keep_checkpoints": 1},
+}
+"""A run of four updates, validated after the second and the fourth."""
+
+
+class Quiet(ProgressReport):
+    """A report that prints nothing, and may do something at every update."""
+
+    def __init__(self, on_update=lambda: None):
+        super().__init__(Console(quiet=True), "test")
+        self.on_update = on_update
+
+    def update(self, fraction, text):
+        self.on_update()
+
+
+def small_config(**changes):
+    """Return the configuration of the small run, changed."""
+    return check_config(SMALL | changes, TrainingConfig)
+
+
+def trained(folder, n_updates=4, resume=False, on_update=lambda: None):
+    """Train up to a number of updates and return (trainer, result)."""
+    trainer = Trainer(small_config(stop={"steps": n_updates * UPDATE}), folder, resume=resume)
+    return trainer, trainer.run(Quiet(on_update))
+
+
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory):
+    """Return the folder and the trainer of a run that was never stopped."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    trainer, _ = trained(folder)
+    return folder, trainer
+
+
+def optimizer_tensors(trainer):
+    """Return all tensors of the optimizer's state, in order."""
+    state = trainer.model.policy.optimizer.state_dict()["state"]
+    return [tensor for entry in state.values() for tensor in entry.values()]
+
+
+def test_a_resumed_run_goes_on_bit_for_bit(whole_run, tmp_path):
+    trained(tmp_path / "run", n_updates=2)
+    resumed, result = trained(tmp_path / "run", n_updates=4, resume=True)
+    whole = whole_run[1]
+    assert result.n_steps == whole.n_steps == 4 * UPDATE
+    pairs = zip(resumed.model.policy.state_dict().values(), whole.model.policy.state_dict().values(), strict=True)
+    assert all(torch.equal(one, other) for one, other in pairs)
+    assert all(map(torch.equal, optimizer_tensors(resumed), optimizer_tensors(whole)))
+
+
+def test_a_resumed_run_adds_up_its_cpu_time(whole_run, tmp_path):
+    _, first = trained(tmp_path / "run", n_updates=1)
+    before = Trainer(small_config(), tmp_path / "run", resume=True, cpu_start=0.0).cpu_seconds
+    assert before == pytest.approx(time.process_time() + first.cpu_seconds, abs=5.0)
+
+
+def test_a_run_folder_holds_all_that_a_result_depends_on(whole_run):
+    folder, _ = whole_run
+    assert yaml.safe_load((folder / "config.yaml").read_text())["seed"] == SMALL["seed"]
+    versions = json.loads((folder / "versions.json").read_text())
+    assert versions["torch"] and versions["machine"]["cores"] >= 1 and "revision" in versions
+    assert any((folder / "tensorboard").glob("events.out.tfevents.*"))
+    with (folder / "progress.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["steps"]) for row in rows] == [UPDATE, 2 * UPDATE, 3 * UPDATE, 4 * UPDATE]
+    assert [bool(row["validation_return"]) for row in rows] == [False, True, False, True]
+
+
+def test_old_checkpoints_are_pruned_and_no_half_written_file_is_left(whole_run):
+    folder, _ = whole_run
+    assert [path.name for path in (folder / "checkpoints").iterdir()] == [f"step-{4 * UPDATE:010d}.zip"]
+    assert not list(folder.rglob("*.unfinished"))
+
+
+def test_the_best_policy_is_the_one_with_the_highest_validation_return(whole_run):
+    folder, _ = whole_run
+    with (folder / "progress.csv").open() as stream:
+        found = {int(row["steps"]): row["validation_return"] for row in csv.DictReader(stream)}
+    returns = {steps: float(value) for steps, value in found.items() if value}
+    page = read_page(folder / "best.zip")
+    assert page.best_return == max(returns.values()) == returns[page.n_steps]
+
+
+def test_a_failed_write_leaves_the_old_checkpoint_whole(tmp_path, monkeypatch):
+    trainer, _ = trained(tmp_path / "run", n_updates=1)
+    before = (tmp_path / "run" / "last.zip").read_bytes()
+
+    def fail(source, target):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        trainer._save(is_best=False)
+    assert (tmp_path / "run" / "last.zip").read_bytes() == before
+    assert not list((tmp_path / "run").rglob("*.unfinished"))
+
+
+def test_a_saved_policy_plays_the_same_here_and_in_stable_baselines3(whole_run):
+    folder, trainer = whole_run
+    env = ResectEnv("box-48", "test")
+    observation, _ = env.reset(seed=0)
+    here = load_policy(folder / "last.zip", env.observation_space, env.action_space)
+    there = MaskablePPO.load(folder / "last.zip")
+    actions = {int(who.predict(observation, deterministic=True)[0]) for who in (here, there, trainer.model)}
+    assert len(actions) == 1
+
+
+def test_a_saved_policy_plays_a_mesh_of_another_size(whole_run):
+    env = ResectEnv(small_scene(cells=(3, 2, 2)))
+    policy = load_policy(whole_run[0] / "last.zip", env.observation_space, env.action_space)
+    observation, _ = env.reset(seed=0)
+    assert observation["action_mask"][policy.predict(observation, deterministic=True)[0]]
+
+
+# Stopping ---------------------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_keeps_what_was_learnt(tmp_path):
+    before = signal.getsignal(signal.SIGINT)
+    _, result = trained(tmp_path / "run", on_update=lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert (result.signal, result.n_steps) == (signal.SIGINT, UPDATE)
+    assert read_page(tmp_path / "run" / "last.zip").n_steps == UPDATE
+    assert read_page(tmp_path / "run" / "best.zip").n_steps == UPDATE
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_ends_the_command_with_code_130_and_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(ProgressReport, "update", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    config = tmp_path / "small.yaml"
+    config.write_text(yaml.safe_dump(SMALL))
+    assert main(["train", str(config), "--out", str(tmp_path / "run")]) == 130
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "--resume" in error
+
+
+def test_no_update_starts_that_would_overrun_the_time(tmp_path):
+    start = time.process_time()
+    trainer = Trainer(small_config(stop={"cpu_seconds": 1e-3}), tmp_path / "run", cpu_start=start)
+    assert trainer.run(Quiet()).n_steps == 0
+
+
+# Mistakes ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_a_run_is_not_overwritten(whole_run):
+    with pytest.raises(RunFolderError, match="--resume"):
+        Trainer(small_config(), whole_run[0])
+
+
+def test_a_run_is_not_resumed_under_another_configuration(whole_run):
+    changed = small_config(ppo=SMALL["ppo"] | {"learning_rate": 1e-3})
+    with pytest.raises(RunFolderError, match=r"ppo\.learning_rate was 0\.01, now 0\.001"):
+        Trainer(changed, whole_run[0], resume=True)
+
+
+def test_there_must_be_something_to_resume(tmp_path):
+    with pytest.raises(RunFolderError, match="no run to resume"):
+        Trainer(small_config(), tmp_path / "run", resume=True)
+
+
+def damaged(path, how):
+    """Write a file that is not quite a policy and return it."""
+    whole = path.read_bytes()
+    contents = {
+        "truncated": whole[: len(whole) // 2],
+        "empty": b"",
+        "foreign": b"PK\x05\x06" + bytes(18),
+        "text": b"hello",
+        "flipped": whole[:2000] + bytes([whole[2000] ^ 255]) + whole[2001:],
+    }
+    target = path.parent / f"{how}.zip"
+    target.write_bytes(contents[how])
+    return target
+
+
+@pytest.mark.parametrize("how", ["truncated", "empty", "foreign", "text", "flipped"])
+def test_a_damaged_policy_is_refused_in_one_line(whole_run, how, capsys):
+    target = damaged(whole_run[0] / "last.zip", how)
+    with pytest.raises(CheckpointError, match=how):
+        read_page(target)
+    assert main(["evaluate", str(target), "--episodes", "1"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    target.unlink()
+
+
+def test_a_policy_for_another_observation_is_refused(whole_run, monkeypatch):
+    import agents.checkpoint
+
+    columns = agents.checkpoint.observation_columns()
+    monkeypatch.setattr(agents.checkpoint, "observation_columns", lambda: columns | {"globals": ["load"]})
+    with pytest.raises(CheckpointError, match="another observation: its table 'globals'"):
+        read_page(whole_run[0] / "last.zip")
+
+
+def test_a_policy_with_another_network_is_refused_in_one_line(whole_run, tmp_path, monkeypatch):
+    trainer = whole_run[1]
+    monkeypatch.setattr(trainer, "config", small_config(ppo=SMALL["ppo"] | {"hidden": 9}))
+    monkeypatch.setattr(trainer.folder, "last", tmp_path / "other.zip")
+    trainer._save(is_best=False)
+    env = ResectEnv("box-48", "test")
+    with pytest.raises(CheckpointError, match="does not fit the network") as caught:
+        load_policy(tmp_path / "other.zip", env.observation_space, env.action_space)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted((configs_folder() / "train").glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_training_configurations_are_valid(path):
+    assert load_config(path, TrainingConfig).stop.cpu_seconds
+
+
+def test_all_mistakes_of_a_configuration_are_listed():
+    wrong = SMALL | {"ppo": SMALL["ppo"] | {"n_epoch": 3, "gamma": 2.0}, "mask": "focsu", "stop": {}}
+    with pytest.raises(ConfigError) as caught:
+        check_config(wrong, TrainingConfig)
+    for part in ("ppo.n_epoch", "'n_epochs'", "ppo.gamma", "'focus'", "stop"):
+        assert part in str(caught.value)
+
+
+# Shaping ----------------------------------------------------------------------------------------------------------
+
+
+def test_shaping_moves_the_discounted_return_of_every_episode_by_the_same_amount():
+    gamma, weight = 0.9, 2.0
+    plain, shaped = [], []
+    for seed in range(3):
+        env = ResectEnv(small_scene(seed=2, load=0.02))
+        view = TrainingView(env, weight, gamma)
+        rng = np.random.default_rng(seed)
+        observation, _ = view.reset(seed=0)
+        returns, factor, has_ended = np.zeros(2), 1.0, False
+        while not has_ended:
+            # The potential before and after, from its definition.
+            action = int(rng.choice(np.flatnonzero(observation["action_mask"])))
+            cost = env.task.cost
+            observation, reward, has_ended, _, _ = view.step(action)
+            bare = -0.5 * (env.task.cost - cost) / env.optimum
+            if has_ended:
+                bare += {"separated": 1.5, None: 0.0}.get(env.task.outcome, -1.0)
+            returns += factor * np.array([bare, reward])
+            factor *= gamma
+        plain.append(returns[0])
+        shaped.append(returns[1])
+    np.testing.assert_allclose(np.array(shaped) - np.array(plain), weight, atol=1e-6)
+
+
+def test_the_interface_shrinks_by_the_area_of_a_face_that_is_cut():
+    env = ResectEnv(small_scene(seed=2, load=0.02))
+    observation, _ = env.reset(seed=0)
+    table, target = env.task.table, env.scene.target
+    face = int(np.flatnonzero(target[table.face_tetrahedra].sum(axis=1) == 1)[0])
+    after, *_ = env.step(face)
+    area = table.face_area[face] / env.scene.spacing**2
+    assert interface_area(observation) - interface_area(after) == pytest.approx(area, rel=1e-5)
+
+
+def test_the_view_ends_an_episode_that_overruns_its_budget():
+    env = ResectEnv(small_scene(seed=2, load=0.02))
+    view = TrainingView(env, 0.0, 0.99)
+    observation, _ = view.reset(seed=0)
+    rng, has_ended, truncated = np.random.default_rng(1), False, True
+    while not has_ended:
+        action = int(rng.choice(np.flatnonzero(observation["action_mask"])))
+        observation, _, has_ended, truncated, _ = view.step(action)
+    assert not truncated
+
+
+def test_the_command_trains_from_a_file(tmp_path, capsys):
+    config = tmp_path / "small.yaml"
+    config.write_text(yaml.safe_dump(SMALL | {"stop": {"steps": UPDATE}}))
+    assert main(["train", str(config), "--seed", "9", "--out", str(tmp_path / "run")]) == 0
+    assert "best.zip" in capsys.readouterr().out
+    assert yaml.safe_load((tmp_path / "run" / "config.yaml").read_text())["seed"] == 9
+    assert (tmp_path / "run" / "best.zip").exists()
