@@ -1,8 +1,9 @@
 """The one decorator for compiled functions, with a cache on disk that cannot go stale.
 
 numba stamps a cached function with the date of its own file, so a change in a function that it calls from another file
-goes unseen. Here the cache folder of a kernel is named by a hash of its own file and of every file of these packages that it
-imports, directly or not: a change anywhere a kernel can reach opens a fresh folder, a change elsewhere costs nothing.
+goes unseen. Here the cache folder of a kernel is named by a hash of its own file, of every file of these packages that it
+imports, directly or not, and of every file that defines named tuples, which kernels take as arguments without importing
+them. A change anywhere a kernel can reach opens a fresh folder, a change elsewhere costs nothing.
 """
 
 import ast
@@ -55,6 +56,8 @@ def _cache_folder(source: pathlib.Path, root: pathlib.Path) -> str:
         new = set(_imported_files(waiting.pop(), root)) - reached
         reached |= new
         waiting.extend(new)
+    for package in {root / file.relative_to(root).parts[0] for file in reached}:
+        reached |= {file for file in package.rglob("*.py") if b"NamedTuple" in file.read_bytes()}
     digest = hashlib.sha256(numba.__version__.encode())
     for file in sorted(reached):
         digest.update(file.relative_to(root).as_posix().encode())
