@@ -137,6 +137,8 @@ class Trainer:
         before, wall = self.cpu_seconds, time.perf_counter()
         settings = self.config.ppo
         size = settings.n_envs * settings.n_steps
+        self.model.learning_rate = settings.learning_rate * 0.5 ** (self.n_steps / settings.learning_rate_half_life)
+        self.model._setup_lr_schedule()
         # The policy takes the mask from the observation; SB3 need not ask for it again.
         self.model.learn(size, log_interval=NEVER, reset_num_timesteps=False, use_masking=False)
         if not all(bool(torch.isfinite(tensor).all()) for tensor in self.model.policy.parameters()):

@@ -22,6 +22,9 @@ class PPOSettings(Config):
     n_epochs: PositiveInt
     """Passes over the steps of an update."""
     learning_rate: PositiveFloat
+    """At the start."""
+    learning_rate_half_life: PositiveInt
+    """Steps after which the learning rate is half of what it was."""
     clip_range: PositiveFloat
     """How far an update may move the ratio of new to old probabilities from 1. Of some 250 actions each starts with a
     small probability, which can grow only by this factor per update: short updates and a wide range learn faster."""

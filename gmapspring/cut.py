@@ -70,7 +70,7 @@ def split_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) 
 
 def remove_tetrahedron(body: Body, tetrahedron: int, keep_manifold: bool = False) -> CutReport:
     """Isolate a tetrahedron by cutting its faces, then delete it."""
-    check_alive(body, tetrahedron)
+    tetrahedron = live_tetrahedron(body, tetrahedron)
     if keep_manifold:
         check_stays_manifold(body.gmap, tetrahedron, -1)
     removed = np.array([tetrahedron])
@@ -98,8 +98,7 @@ def sew_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) ->
     pinned holds the other. Raises TopologyError, with nothing changed, where there is no such face to sew or, with
     keep_manifold, where that would pinch the body.
     """
-    check_alive(body, tet_a)
-    check_alive(body, tet_b)
+    tet_a, tet_b = live_tetrahedron(body, tet_a), live_tetrahedron(body, tet_b)
     dart_a, dart_b = face_gluing(body.mesh.tetrahedra, tet_a, tet_b)
     check_sewable(body.gmap, dart_a, dart_b)
     if keep_manifold:
@@ -109,8 +108,7 @@ def sew_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) ->
 
 def face_slot(body: Body, tet_a: int, tet_b: int) -> int:
     """Return the lower slot 4*tetrahedron + face of the face between two tetrahedra; raise TopologyError where there is none."""
-    check_alive(body, tet_a)
-    check_alive(body, tet_b)
+    tet_a, tet_b = live_tetrahedron(body, tet_a), live_tetrahedron(body, tet_b)
     for slot in range(4 * tet_a, 4 * tet_a + 4):
         beyond = body.gmap.image.item(slot) // 6
         if beyond >> 2 == tet_b and tet_a != tet_b:
@@ -119,8 +117,8 @@ def face_slot(body: Body, tet_a: int, tet_b: int) -> int:
     raise TopologyError(f"the face between tetrahedra {tet_a} and {tet_b} is cut already; sew_face would sew it again")
 
 
-def check_alive(body: Body, tetrahedron: int) -> None:
-    """Raise TopologyError for a tetrahedron that is not a whole number, out of range, or removed."""
+def live_tetrahedron(body: Body, tetrahedron: int) -> int:
+    """Return a tetrahedron's number; raise TopologyError for what is not a whole number, out of range, or removed."""
     if isinstance(tetrahedron, bool) or not isinstance(tetrahedron, int | np.integer):
         raise TopologyError(f"a tetrahedron is named by a whole number, not by {tetrahedron!r}")
     size = len(body.gmap.component_of)
@@ -128,22 +126,30 @@ def check_alive(body: Body, tetrahedron: int) -> None:
         raise TopologyError(f"tetrahedron {tetrahedron} is out of range: the mesh has tetrahedra 0 to {size - 1}")
     if body.gmap.component_of.item(tetrahedron) < 0:
         raise TopologyError(f"tetrahedron {tetrahedron} is removed already; body.is_alive tells which are left")
+    return int(tetrahedron)
 
 
 def face_slots(body: Body, faces: Iterable) -> np.ndarray:
     """Return the slots of faces given as pairs of tetrahedra, ascending and each once; see face_slot."""
-    pairs = np.asarray(faces if isinstance(faces, np.ndarray) else list(faces))
-    if pairs.size and (pairs.ndim != 2 or pairs.shape[1] != 2):
-        raise TopologyError(f"faces must be pairs of tetrahedra, shape (k, 2), not {pairs.shape}")
-    return np.array(sorted({face_slot(body, a, b) for a, b in pairs.tolist()}), dtype=np.int64)
+    pairs = _listed(faces, "faces")
+    for pair in pairs:
+        if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
+            raise TopologyError(f"faces must be pairs of tetrahedra, shape (k, 2); {pair!r} is not a pair")
+    return np.array(sorted({face_slot(body, a, b) for a, b in pairs}), dtype=np.int64)
 
 
 def live_tetrahedra(body: Body, tetrahedra: Iterable) -> np.ndarray:
-    """Return numbers of live tetrahedra, ascending and each once; see check_alive."""
-    numbers = np.asarray(tetrahedra if isinstance(tetrahedra, np.ndarray) else list(tetrahedra)).tolist()
-    for number in numbers:
-        check_alive(body, number)
-    return np.array(sorted(set(numbers)), dtype=np.int64)
+    """Return numbers of live tetrahedra, ascending and each once; see live_tetrahedron."""
+    return np.array(sorted({live_tetrahedron(body, each) for each in _listed(tetrahedra, "tetrahedra")}), dtype=np.int64)
+
+
+def _listed(values: Iterable, name: str) -> list:
+    """Return what an array or any iterable holds, as a list."""
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    if not isinstance(values, Iterable):
+        raise TopologyError(f"{name} must be a list or an array, not {values!r}")
+    return list(values)
 
 
 def _cut_one_by_one(body: Body, slots: np.ndarray, removed: np.ndarray) -> CutReport:

@@ -40,6 +40,7 @@ SMALL = {
         "batch_size": 16,
         "n_epochs": 1,
         "learning_rate": 1e-2,
+        "learning_rate_half_life": 100,
         "clip_range": 0.2,
         "entropy": 0.01,
         "gamma": 0.99,

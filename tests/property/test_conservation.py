@@ -259,6 +259,8 @@ def bad_calls():
         "batch with a negative one": lambda sim: sim.cut(faces=sewn_pairs(sim)[:3], tetrahedra=[3, -2]),
         "batch of fractions": lambda sim: sim.cut(tetrahedra=[3.5]),
         "batch of triples": lambda sim: sim.cut(faces=[(0, 1, 2)]),
+        "batch of pairs and one more": lambda sim: sim.cut(faces=[*sewn_pairs(sim)[:3], (2,)]),
+        "batch that is one number": lambda sim: sim.cut(tetrahedra=5),
     }
 
 
@@ -306,3 +308,17 @@ def test_the_mass_of_every_node_is_that_of_its_tetrahedra_to_the_last_bit(name):
     mass = at_corners(twins.sim.body, twins.sim.body.nodes.mass)
     twins.naive.mass = twins.sim.body.tetrahedra.mass  # their own bits: volumes may be computed in another order
     np.testing.assert_array_equal(mass, naive_mechanics.node_mass(twins.naive))
+
+
+def test_numbers_of_any_whole_type_name_the_same_tetrahedra():
+    plain, typed = Twins(zoo.build("box")).sim, Twins(zoo.build("box")).sim
+    first, second = sewn_pairs(plain)[5]
+    plain.split_face(first, second)
+    typed.split_face(np.uint64(first), np.int8(second))
+    plain.sew_face(first, second)
+    typed.sew_face(np.uint8(first), np.int16(second))
+    plain.cut(sewn_pairs(plain)[:2], [40])
+    typed.cut(np.array(sewn_pairs(typed)[:2], dtype=np.uint16), np.array([40], dtype=np.uint64))
+    plain.remove_tetrahedron(41)
+    typed.remove_tetrahedron(np.int8(41))
+    assert_same_bits(bits_of(plain), bits_of(typed))
