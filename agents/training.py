@@ -184,13 +184,13 @@ class Trainer:
     def _measures(self, wall: float) -> dict[str, Any]:
         """Return what is known after an update."""
         settings, logged = self.config.ppo, self.model.logger.name_to_value
-        episodes = list(self.model.ep_info_buffer or [])
+        episodes = self.model.ep_info_buffer or [{"r": np.nan, "l": np.nan}]
         return {
             "steps": self.n_steps,
             "cpu_seconds": round(self.cpu_seconds, 3),
             "steps_per_second": round(settings.n_envs * settings.n_steps / wall, 1),
             "return": float(np.mean([episode["r"] for episode in episodes])),
-            "success": float(np.mean(self.model.ep_success_buffer or [np.nan])),
+            "success": float(np.mean(self.model.ep_success_buffer or np.nan)),
             "episode_steps": float(np.mean([episode["l"] for episode in episodes])),
             **{name: float(logged[f"train/{name}"]) for name in LOGGED},
         }

@@ -102,7 +102,7 @@ def _held(state: _State, members: Array, anchor: Array) -> Array:
 
 
 @kernel
-def _spread(links, is_met):  # type: ignore[no-untyped-def]
+def _spread(links, is_met):
     """Mark all that is linked to what is marked; faces are few and chains short, so sweeps need no queue."""
     is_growing = True
     while is_growing:
