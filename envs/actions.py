@@ -7,7 +7,8 @@ import numpy as np
 
 from gmapspring.jit import kernel
 from gmapspring.mesh import Mesh
-from gmapspring.mesh_checks import FACE_CORNERS, paired_faces
+from gmapspring.mesh_checks import paired_faces
+from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
 
@@ -64,7 +65,7 @@ def action_table(mesh: Mesh) -> ActionTable:
     slots = slots[np.argsort(slots[:, 0])]
     face_of_slot = np.full(4 * mesh.n_tetrahedra, -1, dtype=np.int32)
     face_of_slot[slots] = np.arange(len(slots))[:, None]
-    local = np.sort(FACE_CORNERS[slots % 4], axis=2)
+    local = np.sort(OUTWARD_FACE_CORNERS[slots % 4], axis=2)
     ids = mesh.tetrahedra[(slots // 4)[:, :, None], local]
     corners = np.take_along_axis(local, np.argsort(ids, axis=2), axis=2)
     points = mesh.points[np.sort(ids, axis=2)[:, 0]]

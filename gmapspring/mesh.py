@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from gmapspring import mesh_checks
-from gmapspring.mesh_checks import FACE_CORNERS
+from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
 
@@ -86,8 +86,8 @@ def pinched_points(mesh: Mesh) -> PinchedPoints:
     Such a mesh is legal: the body holds together through faces only, so its parts come apart at these points.
     """
     first, second = mesh_checks.paired_faces(mesh.tetrahedra, mesh.n_points)
-    corner_of = 4 * (first // 4)[:, None] + FACE_CORNERS[first % 4]
-    other_of = 4 * (second // 4)[:, None] + FACE_CORNERS[second % 4]
+    corner_of = 4 * (first // 4)[:, None] + OUTWARD_FACE_CORNERS[first % 4]
+    other_of = 4 * (second // 4)[:, None] + OUTWARD_FACE_CORNERS[second % 4]
     # The same three points on both sides, but wound the other way: match them by their ids.
     ids = mesh.tetrahedra.ravel()
     corner_of = np.take_along_axis(corner_of, np.argsort(ids[corner_of], axis=1), axis=1).ravel()

@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 
 from gmapspring.errors import MeshError
+from gmapspring.topology.darts import EDGE_CORNERS, OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
-
-FACE_CORNERS = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
-"""Corners of the face opposite each corner, wound to look outward from a positively oriented tetrahedron."""
 
 FLAT_RATIO = 1e-12
 """A volume below this times the cube of the longest edge is round-off; a regular tetrahedron has 0.118."""
@@ -104,7 +102,7 @@ def flat_limits(points: Array, tetrahedra: Array) -> Array:
     """Return the volume at or below which each tetrahedron counts as flat [m^3], shape (n,)."""
     corners = np.ascontiguousarray(points.T)[:, tetrahedra.T]
     longest = np.zeros(len(tetrahedra))
-    for first, second in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+    for first, second in EDGE_CORNERS.tolist():
         x, y, z = corners[:, first] - corners[:, second]
         np.maximum(longest, x * x + y * y + z * z, out=longest)
     return FLAT_RATIO * longest * np.sqrt(longest)
@@ -149,7 +147,7 @@ def check_faces(tetrahedra: Array, n_points: int) -> None:
     if is_same.any():
         first, second = np.sort(order[np.argmax(is_same) :][:2]).tolist()
         raise MeshError(f"tetrahedra {first} and {second} are on the same corners {ordered[first].tolist()}; remove one of them")
-    faces = tetrahedra[:, FACE_CORNERS].reshape(-1, 3)
+    faces = tetrahedra[:, OUTWARD_FACE_CORNERS].reshape(-1, 3)
     order, is_same = _sorted_keys(row_keys(np.sort(faces, axis=1), n_points))
     is_triple = is_same[1:] & is_same[:-1]
     if is_triple.any():
@@ -185,7 +183,7 @@ def _check_sides(faces: Array, first: Array, second: Array) -> None:
 
 def paired_faces(tetrahedra: Array, n_points: int) -> tuple[Array, Array]:
     """Return the two sides of every interior face of a checked mesh as slots 4 * tetrahedron + face, lower first."""
-    order, is_same = _sorted_keys(row_keys(np.sort(tetrahedra[:, FACE_CORNERS].reshape(-1, 3), axis=1), n_points))
+    order, is_same = _sorted_keys(row_keys(np.sort(tetrahedra[:, OUTWARD_FACE_CORNERS].reshape(-1, 3), axis=1), n_points))
     pairs = np.flatnonzero(is_same)
     return np.minimum(order[pairs], order[pairs + 1]), np.maximum(order[pairs], order[pairs + 1])
 
