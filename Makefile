@@ -10,7 +10,7 @@ demo: $(VENV)/.installed
 
 ## test: everything that is checked on each change
 test: $(VENV)/.installed lint
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --durations 10
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 5
 
 ## test-slow: what takes longer, such as the trained baseline's figures and the long stability runs
 test-slow: $(VENV)/.installed
