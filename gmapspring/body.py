@@ -6,6 +6,7 @@ simulation of elastic membranes by triangulated spring meshes", 1998). Row i of 
 springs is edge i.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,10 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from gmapspring.mesh import Mesh
+from gmapspring.spring_kernel import BLOCK, WIDTH
 from gmapspring.topology import gmap as topology
 from gmapspring.topology.build import build_gmap
 from gmapspring.topology.darts import EDGE_CORNERS, OUTWARD_FACE_CORNERS
 from gmapspring.topology.gmap import N_EDGES, N_TETRAHEDRA, N_VERTICES, GMap
+
+
+CACHE_LINE = 64
+"""Bytes."""
 
 
 class Nodes(NamedTuple):
@@ -61,6 +67,8 @@ class Springs(NamedTuple):
     """Stiffness [N/m], (capacity,)."""
     damping: np.ndarray
     """Damping along the spring [N s/m], (capacity,) or (0,)."""
+    coefficient: np.ndarray
+    """Scratch of the spring kernel [N/m], (capacity,)."""
 
 
 class Tetrahedra(NamedTuple):
@@ -214,7 +222,7 @@ def build_body(mesh: Mesh, material: Material, pinned: np.ndarray, gravity: np.n
     tetrahedra = own_matter(mesh, material)
     n = mesh.n_tetrahedra
     nodes = _empty_nodes(4 * n, dtype, bool(gravity.any()), len(tetrahedra.viscosity) > 0)
-    springs = _empty_springs(6 * n, dtype, len(tetrahedra.damping_modulus) > 0)
+    springs = empty_springs(6 * n, dtype, len(tetrahedra.damping_modulus) > 0)
     body = Body(mesh, material, gmap, Matter(nodes, springs, tetrahedra, gravity))
     live = body.nodes
     live.point[gmap.vertex_of] = mesh.tetrahedra
@@ -246,9 +254,9 @@ def own_matter(mesh: Mesh, material: Material) -> Tetrahedra:
 def _empty_nodes(capacity: int, dtype: type, has_external: bool, has_viscosity: bool) -> Nodes:
     """Make node arrays; rows beyond the live ones cost no memory until they are used."""
     return Nodes(
-        state=np.zeros((capacity, 8), dtype),
-        force=np.zeros((capacity, 4), dtype),
-        external=np.zeros((capacity if has_external else 0, 4), dtype),
+        state=aligned_zeros((capacity, 8), dtype),
+        force=aligned_zeros((capacity, 4), dtype),
+        external=aligned_zeros((capacity if has_external else 0, 4), dtype),
         mass=np.zeros(capacity),
         inverse_mass=np.zeros(capacity, dtype),
         viscosity=np.zeros(capacity if has_viscosity else 0, dtype),
@@ -257,11 +265,21 @@ def _empty_nodes(capacity: int, dtype: type, has_external: bool, has_viscosity: 
     )
 
 
-def _empty_springs(capacity: int, dtype: type, has_damping: bool) -> Springs:
-    """Make spring arrays."""
+def empty_springs(capacity: int, dtype: type, has_damping: bool) -> Springs:
+    """Make spring arrays, with room for a whole number of the kernel's groups."""
+    capacity = -(-capacity // WIDTH) * WIDTH
     return Springs(
-        endpoints=np.zeros((capacity, 2), np.uint32),
-        rest_length=np.zeros(capacity, dtype),
-        stiffness=np.zeros(capacity, dtype),
-        damping=np.zeros(capacity if has_damping else 0, dtype),
+        endpoints=aligned_zeros((capacity, 2), np.uint32),
+        rest_length=aligned_zeros((capacity,), dtype),
+        stiffness=aligned_zeros((capacity,), dtype),
+        damping=aligned_zeros((capacity if has_damping else 0,), dtype),
+        coefficient=aligned_zeros((max(capacity, BLOCK),), dtype),
     )
+
+
+def aligned_zeros(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Make an array of zeros that starts on a cache line, so that no row of a state lies across two; pages cost no memory unused."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    buffer = np.zeros(size + CACHE_LINE, np.uint8)
+    start = -buffer.ctypes.data % CACHE_LINE
+    return buffer[start: start + size].view(dtype).reshape(shape)

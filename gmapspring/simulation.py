@@ -9,7 +9,7 @@ import numpy as np
 
 from gmapspring import cut as cutting
 from gmapspring import stability, state_file
-from gmapspring.body import Body, Material, build_body
+from gmapspring.body import Body, Material, aligned_zeros, build_body
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
 from gmapspring.errors import DivergenceError, StabilityError
@@ -52,7 +52,7 @@ class Simulation:
         self.body: Body = build_body(mesh, material, _pinned_mask(pinned, mesh), _vector(gravity, "gravity"),
                                      np.dtype(dtype).type)
         embed_all(self.body.gmap, self.body.matter)
-        self._work: np.ndarray = np.zeros((self.integrator.n_work, len(self.body.node_rows.mass), 8), dtype)
+        self._work: np.ndarray = aligned_zeros((self.integrator.n_work, len(self.body.node_rows.mass), 8), dtype)
         if loads is not None:
             self.set_loads(loads)
         self.stable_step = stability.stable_step(self.body, self.integrator)

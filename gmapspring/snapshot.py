@@ -27,7 +27,8 @@ def _changing_arrays(body: Body) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarr
     nodes, springs = body.node_rows, body.spring_rows
     in_nodes = tuple(rows[:n_nodes] for rows in (nodes.state, nodes.external, nodes.mass, nodes.inverse_mass,
                                                  nodes.viscosity, nodes.is_pinned, nodes.point))
-    return in_map, in_nodes, tuple(rows[:n_springs] for rows in springs)
+    return in_map, in_nodes, tuple(rows[:n_springs] for rows in (springs.endpoints, springs.rest_length,
+                                                                       springs.stiffness, springs.damping))
 
 
 def save_arrays(body: Body) -> Snapshot:

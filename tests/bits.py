@@ -18,7 +18,8 @@ def bits_of(sim):
         if name != "force":
             found[f"nodes.{name}"] = rows[:n_nodes]
     for name, rows in body.spring_rows._asdict().items():
-        found[f"springs.{name}"] = rows[:n_springs]
+        if name != "coefficient":
+            found[f"springs.{name}"] = rows[:n_springs]
     for name, rows in body.tetrahedra._asdict().items():
         found[f"tetrahedra.{name}"] = rows
     return {name: np.array(rows, copy=True) for name, rows in found.items()}

@@ -9,6 +9,7 @@ import numpy as np
 from gmapspring.forces import sum_forces
 from gmapspring.integrators.integrator import Integrator, hold_pinned
 from gmapspring.jit import kernel
+from gmapspring.quad import load, store
 
 IMAGINARY_REACH = 2.8284
 """The region of |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 holds i*y for |y| up to this (the square root of 8)."""
@@ -43,13 +44,12 @@ def first_stage(nodes, n_nodes, stage, total, reach, weight):
     """Start the sum at the state, and set the next stage reach [s] along the slope."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
     for i in range(n_nodes):
-        for axis in range(4):
-            velocity = state[i, 4 + axis]
-            acceleration = inverse_mass[i] * force[i, axis]
-            total[i, axis] = state[i, axis] + weight * velocity
-            total[i, 4 + axis] = velocity + weight * acceleration
-            stage[i, axis] = state[i, axis] + reach * velocity
-            stage[i, 4 + axis] = velocity + reach * acceleration
+        position, velocity = load(state, i, 0), load(state, i, 4)
+        acceleration = inverse_mass[i] * load(force, i, 0)
+        store(total, i, 0, position + weight * velocity)
+        store(total, i, 4, velocity + weight * acceleration)
+        store(stage, i, 0, position + reach * velocity)
+        store(stage, i, 4, velocity + reach * acceleration)
 
 
 @kernel
@@ -57,13 +57,11 @@ def middle_stage(nodes, n_nodes, stage, total, reach, weight):
     """Add the stage's slope to the sum, and set the next stage reach [s] along it."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
     for i in range(n_nodes):
-        for axis in range(4):
-            velocity = stage[i, 4 + axis]
-            acceleration = inverse_mass[i] * force[i, axis]
-            total[i, axis] += weight * velocity
-            total[i, 4 + axis] += weight * acceleration
-            stage[i, axis] = state[i, axis] + reach * velocity
-            stage[i, 4 + axis] = state[i, 4 + axis] + reach * acceleration
+        velocity, acceleration = load(stage, i, 4), inverse_mass[i] * load(force, i, 0)
+        store(total, i, 0, load(total, i, 0) + weight * velocity)
+        store(total, i, 4, load(total, i, 4) + weight * acceleration)
+        store(stage, i, 0, load(state, i, 0) + reach * velocity)
+        store(stage, i, 4, load(state, i, 4) + reach * acceleration)
 
 
 @kernel
@@ -71,9 +69,8 @@ def last_stage(nodes, n_nodes, stage, total, weight):
     """Set the state to the sum and the last slope."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
     for i in range(n_nodes):
-        for axis in range(4):
-            state[i, axis] = total[i, axis] + weight * stage[i, 4 + axis]
-            state[i, 4 + axis] = total[i, 4 + axis] + weight * (inverse_mass[i] * force[i, axis])
+        store(state, i, 0, load(total, i, 0) + weight * load(stage, i, 4))
+        store(state, i, 4, load(total, i, 4) + weight * (inverse_mass[i] * load(force, i, 0)))
 
 
 def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from gmapspring.forces import sum_forces
 from gmapspring.integrators.integrator import Integrator, hold_pinned
 from gmapspring.jit import kernel
+from gmapspring.quad import load, store
 
 
 @kernel
@@ -18,11 +19,9 @@ def advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps):
     for _ in range(n_substeps):
         sum_forces(nodes, springs, n_nodes, n_springs, state, force)
         for i in range(n_nodes):
-            kick = step * inverse_mass[i]
-            for axis in range(3):
-                velocity = state[i, 4 + axis] + kick * force[i, axis]
-                state[i, 4 + axis] = velocity
-                state[i, axis] += step * velocity
+            velocity = load(state, i, 4) + (step * inverse_mass[i]) * load(force, i, 0)
+            store(state, i, 4, velocity)
+            store(state, i, 0, load(state, i, 0) + step * velocity)
 
 
 def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> float:

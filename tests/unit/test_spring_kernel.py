@@ -1,0 +1,110 @@
+"""The vector kernel and the quads: the same bits as their readable twins, on every instruction set."""
+
+import hashlib
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numba import config, njit
+
+from gmapspring import spring_kernel
+from gmapspring.body import Nodes, aligned_zeros, empty_springs
+from gmapspring.integrators import INTEGRATORS
+from gmapspring.quad import load, store
+from gmapspring.spring_kernel import BLOCK, WIDTH
+
+without_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="numba's compiler is switched off")
+TARGETS = {"SSE2": "x86-64", "AVX2": "haswell", "AVX-512": "skylake-avx512"}
+
+
+def network(n_nodes, n_springs, dtype, has_damping, seed=0):
+    """Return nodes and springs without a map: random positions, velocities, ends and constants."""
+    rng = np.random.default_rng(seed)
+    state = aligned_zeros((n_nodes, 8), dtype)
+    state[:, :3], state[:, 4:7] = rng.normal(size=(2, n_nodes, 3))
+    nodes = Nodes(state, aligned_zeros((n_nodes, 4), dtype), np.zeros((0, 4), dtype), np.ones(n_nodes),
+                  rng.uniform(0.5, 2.0, n_nodes).astype(dtype), np.zeros(0, dtype), np.zeros(n_nodes, bool),
+                  np.zeros(n_nodes, np.int32))  # fmt: skip
+    springs = empty_springs(n_springs, dtype, has_damping)
+    first = rng.integers(0, n_nodes, n_springs)
+    springs.endpoints[:n_springs] = np.stack([first, (first + rng.integers(1, n_nodes, n_springs)) % n_nodes], axis=1)
+    springs.rest_length[:n_springs] = rng.uniform(0.5, 2.0, n_springs)
+    springs.stiffness[:n_springs] = rng.uniform(0.5, 2.0, n_springs)
+    springs.damping[:n_springs] = rng.uniform(0.0, 0.1, len(springs.damping[:n_springs]))
+    return nodes, springs
+
+
+def trajectory_digest(dtype, scheme, has_damping):
+    """Return a hash of the state after 200 steps of a network."""
+    nodes, springs = network(40, 150, dtype, has_damping)
+    work = aligned_zeros((INTEGRATORS[scheme].n_work, 40, 8), dtype)
+    INTEGRATORS[scheme].advance(nodes, springs, work, 40, 150, dtype(1e-2), 200)
+    assert np.isfinite(nodes.state).all() and np.abs(nodes.state).max() > 1.0
+    return hashlib.sha256(nodes.state.tobytes()).hexdigest()
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("has_damping", [False, True])
+@pytest.mark.parametrize("n_springs", [1, WIDTH - 1, WIDTH, 3 * WIDTH + 5, BLOCK + 7])
+def test_the_vector_kernel_gives_the_bits_of_its_twin(dtype, has_damping, n_springs):
+    nodes, springs = network(30, n_springs, dtype, has_damping)
+    nodes.state[3] = nodes.state[5]
+    springs.endpoints[0] = 3, 5  # of length zero
+    expected, coefficient = np.zeros((30, 4), dtype), np.empty(n_springs, dtype)
+    twins = [getattr(kernel, "py_func", kernel) for kernel in (spring_kernel.set_coefficients, spring_kernel.add_pulls)]
+    twins[0](*springs[:4], nodes.state, 0, n_springs, coefficient)
+    twins[1](springs.endpoints, coefficient, nodes.state, 0, n_springs, expected)
+    spring_kernel.add_spring_forces(springs, n_springs, nodes.state, nodes.force)
+    assert coefficient[0] == 0.0 and (n_springs == 1 or coefficient[1:].all())
+    assert nodes.force.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("square", [0.0, np.nan])
+def test_what_is_not_a_number_stays_where_it_is(square):
+    nodes, springs = network(6, 40, np.float64, False)
+    nodes.state[2, :3] = square
+    spring_kernel.add_spring_forces(springs, 40, nodes.state, nodes.force)
+    touched = np.unique(springs.endpoints[:40][(springs.endpoints[:40] == 2).any(axis=1)])
+    untouched = np.setdiff1d(np.arange(6), touched)
+    assert np.isfinite(nodes.force[untouched]).all()
+    if square == 0.0:
+        assert np.isfinite(nodes.force).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_quads_are_rounded_lane_by_lane_like_numbers(dtype):
+    def mix(array, other, factor):
+        for i in range(len(array)):
+            store(array, i, 4, load(array, i, 0) + factor * load(other, i, 0) - load(array, i, 4))
+
+    array, other = np.random.default_rng(2).normal(size=(2, 50, 8)).astype(dtype)
+    expected = array.copy()
+    expected[:, 4:] = array[:, :4] + dtype(1.7) * other[:, :4] - array[:, 4:]
+    twin = array.copy()
+    mix(twin, other, dtype(1.7))
+    njit(mix)(array, other, dtype(1.7))
+    assert array.tobytes() == expected.tobytes() == twin.tobytes()
+
+
+@without_compiler
+@pytest.mark.parametrize(("dtype", "scheme", "has_damping"), [("float64", "rk4", True), ("float32", "symplectic_euler", False)])
+def test_trajectories_have_the_same_bits_on_every_instruction_set(dtype, scheme, has_damping):
+    program = ("import numpy as np; from tests.unit.test_spring_kernel import trajectory_digest; "
+               f"print(trajectory_digest(np.{dtype}, {scheme!r}, {has_damping}))")
+    found = {name: subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True,
+        cwd=pathlib.Path(__file__).parents[2], env=os.environ | {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": FEATURES[name]},
+    ).stdout.strip() for name, cpu in TARGETS.items() if runs_here(name)}  # fmt: skip
+    assert "SSE2" in found and set(found.values()) == {trajectory_digest(getattr(np, dtype), scheme, has_damping)}
+
+
+FEATURES = {"SSE2": "", "AVX2": "+avx2,+fma", "AVX-512": "+avx2,+fma,+avx512f,+avx512vl,+avx512dq,+avx512bw"}
+
+
+def runs_here(target):
+    """Tell whether this machine has the instructions of a target."""
+    flags = pathlib.Path("/proc/cpuinfo").read_text() if pathlib.Path("/proc/cpuinfo").exists() else ""
+    return all(feature.lstrip("+") in flags for feature in FEATURES[target].split(",") if feature)
