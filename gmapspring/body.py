@@ -1,101 +1,23 @@
-"""The body: nodes, springs and tetrahedra in compact arrays, and the map that says how they hang together.
+"""The body: a mesh, its map, and its matter.
 
 Everything mechanical is owned by tetrahedra and summed over cells: a node's mass is a quarter of the mass of each tetrahedron
 around its vertex, a spring's stiffness is E V / l^2 summed over the tetrahedra round its edge (Van Gelder, "Approximate
-simulation of elastic membranes by triangulated spring meshes", 1998). Row i of the nodes is vertex i of the map, row i of the
-springs is edge i.
+simulation of elastic membranes by triangulated spring meshes", 1998).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from gmapspring.addresses import address_row, struct_reader
+from gmapspring.matter import Matter, Nodes, Springs, Tetrahedra, empty_matter, empty_nodes, empty_springs, no_matter
 from gmapspring.mesh import Mesh
-from gmapspring.spring_kernel import BLOCK, WIDTH
 from gmapspring.topology import gmap as topology
-from gmapspring.topology.build import build_gmap
+from gmapspring.topology.build import build_gmap, empty_gmap
 from gmapspring.topology.darts import EDGE_CORNERS, OUTWARD_FACE_CORNERS
 from gmapspring.topology.gmap import N_EDGES, N_TETRAHEDRA, N_VERTICES, GMap
-
-
-CACHE_LINE = 64
-"""Bytes."""
-
-
-class Nodes(NamedTuple):
-    """Arrays over nodes; the first n_nodes rows are live. An array that no term needs has no rows."""
-
-    state: np.ndarray
-    """Rows [x y z 0 u v w 0]: position [m] and velocity [m/s], shape (capacity, 8)."""
-    force: np.ndarray
-    """Scratch of the force kernels [N], shape (capacity, 4)."""
-    external: np.ndarray
-    """Constant force: weight and loads [N], shape (capacity, 4), or (0, 4) where the scene names neither."""
-    mass: np.ndarray
-    """Mass [kg], float64 (capacity,)."""
-    inverse_mass: np.ndarray
-    """1 / mass [1/kg], 0 where pinned, (capacity,)."""
-    viscosity: np.ndarray
-    """Drag coefficient [N s/m], (capacity,) or (0,)."""
-    is_pinned: np.ndarray
-    """Held in place, bool (capacity,)."""
-    point: np.ndarray
-    """The mesh point a node stems from, int32 (capacity,)."""
-
-    @property
-    def position(self) -> np.ndarray:
-        """Positions [m], a writable view, shape (n, 3)."""
-        return self.state[:, 0:3]
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocities [m/s], a writable view, shape (n, 3)."""
-        return self.state[:, 4:7]
-
-
-class Springs(NamedTuple):
-    """Arrays over springs; the first n_springs rows are live."""
-
-    endpoints: np.ndarray
-    """The two nodes, uint32 (capacity, 2)."""
-    rest_length: np.ndarray
-    """Length without tension [m], (capacity,)."""
-    stiffness: np.ndarray
-    """Stiffness [N/m], (capacity,)."""
-    damping: np.ndarray
-    """Damping along the spring [N s/m], (capacity,) or (0,)."""
-    coefficient: np.ndarray
-    """Scratch of the spring kernel [N/m], (capacity,)."""
-
-
-class Tetrahedra(NamedTuple):
-    """What each tetrahedron of the mesh owns: constants, except for the loads."""
-
-    volume: np.ndarray
-    """Volume at rest [m^3], (n,)."""
-    mass: np.ndarray
-    """Mass [kg], (n,)."""
-    modulus: np.ndarray
-    """Young's modulus times volume [J], (n,): its share of a spring's stiffness times that spring's rest length squared."""
-    damping_modulus: np.ndarray
-    """The same for spring damping [J s], (n,) or (0,)."""
-    viscosity: np.ndarray
-    """Drag coefficient, shared equally by its corners [N s/m], (n,) or (0,)."""
-    load: np.ndarray
-    """Force on each corner [N], (n, 4, 3) or (0, 4, 3)."""
-
-
-class Matter(NamedTuple):
-    """All mechanics of a body, as the kernels take it."""
-
-    nodes: Nodes
-    springs: Springs
-    tetrahedra: Tetrahedra
-    gravity: np.ndarray
-    """Acceleration [m/s^2], (3,)."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +47,17 @@ class Material:
         return np.ascontiguousarray(value)
 
 
+class BodyArrays(NamedTuple):
+    """All arrays of a body, as kernels find them; matter first, so that what reads matter reads a row of these too."""
+
+    matter: Matter
+    gmap: GMap
+
+
+read_body = struct_reader(lambda dtype: BodyArrays(no_matter(dtype), empty_gmap(0)))
+"""read_body(table, row, real) -> BodyArrays, for kernels; see addresses.py."""
+
+
 class Body:
     """A cut or whole body: the mesh it came from, its map, and its mechanics."""
 
@@ -133,6 +66,30 @@ class Body:
         self.material = material
         self.gmap = gmap
         self.matter = matter
+
+    @property
+    def matter(self) -> Matter:
+        """All mechanics."""
+        return self._matter
+
+    @matter.setter
+    def matter(self, matter: Matter) -> None:
+        self._matter = matter
+        self.table = address_row(BodyArrays(matter, self.gmap))[None]
+        """Where kernels find the arrays, one row; see addresses.py."""
+        self.real = matter.nodes.state.dtype.type(0)
+        """A number of the body's precision."""
+
+    def __getstate__(self) -> dict:
+        """Return what a copy is made from: addresses hold for this body alone."""
+        kept = {name: value for name, value in self.__dict__.items() if name not in ("table", "_matter")}
+        return kept | {"matter": self.matter}
+
+    def __setstate__(self, state: dict) -> None:
+        """Take over copied arrays, which lie elsewhere; they share counts as before."""
+        matter = state.pop("matter")
+        self.__dict__.update(state)
+        self.matter = matter._replace(counts=self.gmap.counts)
 
     @property
     def node_rows(self) -> Nodes:
@@ -216,14 +173,18 @@ class Body:
         return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
 
 
-def build_body(mesh: Mesh, material: Material, pinned: np.ndarray, gravity: np.ndarray, dtype: type) -> Body:
-    """Build the body of a mesh at rest; pinned is bool (n_points,), gravity [m/s^2] is (3,)."""
+def build_body(mesh: Mesh, material: Material, pinned: np.ndarray, gravity: np.ndarray, dtype: type, n_work: int = 0) -> Body:
+    """Build the body of a mesh at rest; pinned is bool (n_points,), gravity [m/s^2] is (3,).
+
+    n_work: how many states an integrator needs room for.
+    """
     gmap = build_gmap(mesh.tetrahedra, mesh.n_points)
     tetrahedra = own_matter(mesh, material)
     n = mesh.n_tetrahedra
-    nodes = _empty_nodes(4 * n, dtype, bool(gravity.any()), len(tetrahedra.viscosity) > 0)
+    nodes = empty_nodes(4 * n, dtype, bool(gravity.any()), len(tetrahedra.viscosity) > 0)
     springs = empty_springs(6 * n, dtype, len(tetrahedra.damping_modulus) > 0)
-    body = Body(mesh, material, gmap, Matter(nodes, springs, tetrahedra, gravity))
+    matter = empty_matter(nodes, springs, tetrahedra, n_work)._replace(gravity=gravity, counts=gmap.counts)
+    body = Body(mesh, material, gmap, matter)
     live = body.nodes
     live.point[gmap.vertex_of] = mesh.tetrahedra
     live.position[:] = mesh.points[live.point]
@@ -249,37 +210,3 @@ def own_matter(mesh: Mesh, material: Material) -> Tetrahedra:
         viscosity=viscosity * mass if viscosity.any() else nothing,
         load=np.zeros((0, 4, 3)),
     )
-
-
-def _empty_nodes(capacity: int, dtype: type, has_external: bool, has_viscosity: bool) -> Nodes:
-    """Make node arrays; rows beyond the live ones cost no memory until they are used."""
-    return Nodes(
-        state=aligned_zeros((capacity, 8), dtype),
-        force=aligned_zeros((capacity, 4), dtype),
-        external=aligned_zeros((capacity if has_external else 0, 4), dtype),
-        mass=np.zeros(capacity),
-        inverse_mass=np.zeros(capacity, dtype),
-        viscosity=np.zeros(capacity if has_viscosity else 0, dtype),
-        is_pinned=np.zeros(capacity, bool),
-        point=np.zeros(capacity, np.int32),
-    )
-
-
-def empty_springs(capacity: int, dtype: type, has_damping: bool) -> Springs:
-    """Make spring arrays, with room for a whole number of the kernel's groups."""
-    capacity = -(-capacity // WIDTH) * WIDTH
-    return Springs(
-        endpoints=aligned_zeros((capacity, 2), np.uint32),
-        rest_length=aligned_zeros((capacity,), dtype),
-        stiffness=aligned_zeros((capacity,), dtype),
-        damping=aligned_zeros((capacity if has_damping else 0,), dtype),
-        coefficient=aligned_zeros((max(capacity, BLOCK),), dtype),
-    )
-
-
-def aligned_zeros(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """Make an array of zeros that starts on a cache line, so that no row of a state lies across two; pages cost no memory unused."""
-    size = math.prod(shape) * np.dtype(dtype).itemsize
-    buffer = np.zeros(size + CACHE_LINE, np.uint8)
-    start = -buffer.ctypes.data % CACHE_LINE
-    return buffer[start: start + size].view(dtype).reshape(shape)

@@ -16,65 +16,100 @@ are shared anew. Source of the operations: Meseure, Darles, Skapin, "A Topology-
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import accumulate, pairwise
 
 import numpy as np
 
-from gmapspring.body import Body
+from gmapspring.body import Body, read_body
 from gmapspring.embedding import embed, merge_nodes
 from gmapspring.errors import TopologyError
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 from gmapspring.snapshot import load_arrays, save_arrays
-from gmapspring.topology.gmap import check_sewable
+from gmapspring.topology.gmap import check_sewable, neighbour
 from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold
 from gmapspring.topology.sewing import face_gluing, sew_faces, unsew_faces
+from gmapspring.topology.walks import ascending
 
 NONE = np.zeros(0, dtype=np.int64)
+NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 
 
-@dataclass(frozen=True)
 class CutReport:
     """What one operation changed. Numbers are those after it, except the first of each move.
 
     To follow with arrays of your own over nodes: apply the moves (to <- from), then copy each kept row to its new one.
     """
 
-    new_nodes: np.ndarray
-    """(kept, new): nodes that a vertex split made, and the nodes they stem from, (k, 2)."""
-    new_springs: np.ndarray
-    """(kept, new): the same for springs, (k, 2)."""
-    boundary_faces: np.ndarray
-    """(tetrahedron, face) of faces of live tetrahedra that became free, (k, 2)."""
-    removed_tetrahedra: np.ndarray
-    """Tetrahedra that are gone, (k,)."""
-    n_removed_nodes: int
-    """How many nodes are gone; on a suture, those that were merged into others."""
-    n_removed_springs: int
-    """How many springs are gone."""
-    moved_nodes: np.ndarray
-    """(from, to): nodes that were there before and got another number, (k, 2)."""
-    moved_springs: np.ndarray
-    """(from, to): the same for springs, (k, 2)."""
-    new_components: np.ndarray
-    """Labels of the pieces that came off, (k,)."""
+    __slots__ = ("_journal", "removed_tetrahedra")
+
+    def __init__(self, journal: np.ndarray, removed: np.ndarray):
+        self._journal = journal
+        self.removed_tetrahedra = removed
+        """Tetrahedra that are gone, ascending, (k,)."""
+
+    @property
+    def n_removed_nodes(self) -> int:
+        """How many nodes are gone; on a suture, those that were merged into others."""
+        return int(self._journal[0])
+
+    @property
+    def n_removed_springs(self) -> int:
+        """How many springs are gone."""
+        return int(self._journal[1])
+
+    @property
+    def new_nodes(self) -> np.ndarray:
+        """(kept, new): nodes that a vertex split made, and the nodes they stem from, (k, 2)."""
+        return self._part(0).reshape(-1, 2)
+
+    @property
+    def new_springs(self) -> np.ndarray:
+        """(kept, new): the same for springs, (k, 2)."""
+        return self._part(1).reshape(-1, 2)
+
+    @property
+    def moved_nodes(self) -> np.ndarray:
+        """(from, to): nodes that were there before and got another number, (k, 2)."""
+        return self._part(2).reshape(-1, 2)
+
+    @property
+    def moved_springs(self) -> np.ndarray:
+        """(from, to): the same for springs, (k, 2)."""
+        return self._part(3).reshape(-1, 2)
+
+    @property
+    def boundary_faces(self) -> np.ndarray:
+        """(tetrahedron, face) of faces of live tetrahedra that became free, (k, 2)."""
+        opened = self._part(4)
+        return np.stack((opened >> 2, opened & 3), axis=1)
+
+    @property
+    def new_components(self) -> np.ndarray:
+        """Labels of the pieces that came off, (k,)."""
+        return self._part(5)
+
+    def _part(self, number: int) -> np.ndarray:
+        """Return one of the parts that write_journal put one after the other."""
+        start = 8 + int(self._journal[2: 2 + number].sum())
+        return self._journal[start: start + int(self._journal[2 + number])]
+
+    def __repr__(self) -> str:
+        names = ("new_nodes", "new_springs", "boundary_faces", "removed_tetrahedra", "new_components")
+        counts = ", ".join(f"{len(getattr(self, name))} {name}" for name in names)
+        return f"CutReport({counts}, {self.n_removed_nodes} removed nodes, {self.n_removed_springs} removed springs)"
 
 
 def split_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) -> CutReport:
     """Cut the face between two tetrahedra; raise TopologyError, with nothing changed, where they share none."""
-    slot = face_slot(body, tet_a, tet_b)
-    if keep_manifold:
-        check_stays_manifold(body.gmap, slot // 4, slot % 4)
-    return _report(NONE, cut_kernel(body.gmap, body.matter, np.array([slot]), NONE))
+    if keep_manifold or type(tet_a) is not int or type(tet_b) is not int:
+        return cut(body, [(tet_a, tet_b)], (), keep_manifold)
+    return _cut(body, np.array([[tet_a, tet_b]]), NONE)
 
 
 def remove_tetrahedron(body: Body, tetrahedron: int, keep_manifold: bool = False) -> CutReport:
     """Isolate a tetrahedron by cutting its faces, then delete it."""
-    tetrahedron = live_tetrahedron(body, tetrahedron)
-    if keep_manifold:
-        check_stays_manifold(body.gmap, tetrahedron, -1)
-    removed = np.array([tetrahedron])
-    return _report(removed, cut_kernel(body.gmap, body.matter, NONE, removed))
+    if keep_manifold or type(tetrahedron) is not int:
+        return cut(body, (), [tetrahedron], keep_manifold)
+    return _cut(body, NO_PAIRS, np.array([tetrahedron]))
 
 
 def cut(body: Body, faces: Iterable = (), tetrahedra: Iterable = (), keep_manifold: bool = False) -> CutReport:
@@ -84,11 +119,21 @@ def cut(body: Body, faces: Iterable = (), tetrahedra: Iterable = (), keep_manifo
     Raises TopologyError, naming the culprit and with nothing changed, for a face or tetrahedron that is not there to cut
     or, with keep_manifold, that would pinch the body.
     """
-    slots = face_slots(body, faces)
-    removed = live_tetrahedra(body, tetrahedra)
+    pairs, removed = _pairs(faces), _numbers(tetrahedra)
     if keep_manifold:
-        return _cut_one_by_one(body, slots, removed)
-    return _report(removed, cut_kernel(body.gmap, body.matter, slots, removed))
+        _check_each_stays_manifold(body, pairs, removed)
+    return _cut(body, pairs, removed)
+
+
+def _cut(body: Body, pairs: np.ndarray, tetrahedra: np.ndarray) -> CutReport:
+    """Cut, or raise with the first that is not there to cut."""
+    journal = cut_kernel(body.table, 0, body.real, pairs, tetrahedra)
+    if len(journal) == 1:
+        for tet_a, tet_b in pairs.tolist():
+            face_slot(body, tet_a, tet_b)
+        for tetrahedron in tetrahedra.tolist():
+            live_tetrahedron(body, tetrahedron)
+    return CutReport(journal, tetrahedra if len(tetrahedra) < 2 else np.unique(tetrahedra))
 
 
 def sew_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) -> CutReport:
@@ -103,7 +148,7 @@ def sew_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) ->
     check_sewable(body.gmap, dart_a, dart_b)
     if keep_manifold:
         check_sewing_stays_manifold(body.gmap, dart_a, dart_b)
-    return _report(NONE, sew_kernel(body.gmap, body.matter, dart_a, dart_b))
+    return CutReport(sew_kernel(body.table, 0, body.real, dart_a, dart_b), NONE)
 
 
 def face_slot(body: Body, tet_a: int, tet_b: int) -> int:
@@ -119,28 +164,38 @@ def face_slot(body: Body, tet_a: int, tet_b: int) -> int:
 
 def live_tetrahedron(body: Body, tetrahedron: int) -> int:
     """Return a tetrahedron's number; raise TopologyError for what is not a whole number, out of range, or removed."""
-    if isinstance(tetrahedron, bool) or not isinstance(tetrahedron, int | np.integer):
-        raise TopologyError(f"a tetrahedron is named by a whole number, not by {tetrahedron!r}")
+    tetrahedron = _whole(tetrahedron)
     size = len(body.gmap.component_of)
     if not 0 <= tetrahedron < size:
         raise TopologyError(f"tetrahedron {tetrahedron} is out of range: the mesh has tetrahedra 0 to {size - 1}")
     if body.gmap.component_of.item(tetrahedron) < 0:
         raise TopologyError(f"tetrahedron {tetrahedron} is removed already; body.is_alive tells which are left")
-    return int(tetrahedron)
+    return tetrahedron
 
 
-def face_slots(body: Body, faces: Iterable) -> np.ndarray:
-    """Return the slots of faces given as pairs of tetrahedra, ascending and each once; see face_slot."""
+def _pairs(faces: Iterable) -> np.ndarray:
+    """Return pairs of tetrahedra as int64 (k, 2)."""
+    if isinstance(faces, np.ndarray) and faces.dtype.kind in "iu" and faces.shape[1:] == (2,):
+        return np.ascontiguousarray(faces, dtype=np.int64)
     pairs = _listed(faces, "faces")
     for pair in pairs:
         if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
             raise TopologyError(f"faces must be pairs of tetrahedra, shape (k, 2); {pair!r} is not a pair")
-    return np.array(sorted({face_slot(body, a, b) for a, b in pairs}), dtype=np.int64)
+    return np.array([[_whole(a), _whole(b)] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
 
 
-def live_tetrahedra(body: Body, tetrahedra: Iterable) -> np.ndarray:
-    """Return numbers of live tetrahedra, ascending and each once; see live_tetrahedron."""
-    return np.array(sorted({live_tetrahedron(body, each) for each in _listed(tetrahedra, "tetrahedra")}), dtype=np.int64)
+def _numbers(tetrahedra: Iterable) -> np.ndarray:
+    """Return numbers of tetrahedra as int64 (k,)."""
+    if isinstance(tetrahedra, np.ndarray) and tetrahedra.dtype.kind in "iu" and tetrahedra.ndim == 1:
+        return np.ascontiguousarray(tetrahedra, dtype=np.int64)
+    return np.array([_whole(each) for each in _listed(tetrahedra, "tetrahedra")], dtype=np.int64)
+
+
+def _whole(number: object) -> int:
+    """Return a whole number; raise TopologyError for anything else."""
+    if isinstance(number, bool) or not isinstance(number, int | np.integer):
+        raise TopologyError(f"a tetrahedron is named by a whole number, not by {number!r}")
+    return int(number)
 
 
 def _listed(values: Iterable, name: str) -> list:
@@ -152,51 +207,66 @@ def _listed(values: Iterable, name: str) -> list:
     return list(values)
 
 
-def _cut_one_by_one(body: Body, slots: np.ndarray, removed: np.ndarray) -> CutReport:
-    """Cut in ascending order, checking each time that the body stays manifold; undo all if it would not."""
+def _check_each_stays_manifold(body: Body, pairs: np.ndarray, removed: np.ndarray) -> None:
+    """Cut in ascending order, checking each time that the body stays manifold; undo all, and raise where it would not."""
+    slots = sorted({face_slot(body, tet_a, tet_b) for tet_a, tet_b in pairs.tolist()})
     before = save_arrays(body)
     try:
         for slot in slots:
             check_stays_manifold(body.gmap, slot // 4, slot % 4)
-            cut_kernel(body.gmap, body.matter, np.array([slot]), removed[:0])
-        for tetrahedron in removed:
+            _cut(body, np.array([[slot // 4, body.gmap.image.item(slot) // 24]]), NONE)
+        for tetrahedron in sorted({live_tetrahedron(body, each) for each in removed.tolist()}):
             check_stays_manifold(body.gmap, tetrahedron, -1)
-            cut_kernel(body.gmap, body.matter, slots[:0], np.array([tetrahedron]))
+            _cut(body, NO_PAIRS, np.array([tetrahedron]))
     finally:
         load_arrays(body, before)
-    return _report(removed, cut_kernel(body.gmap, body.matter, slots, removed))
-
-
-def _report(removed: np.ndarray, journal: np.ndarray) -> CutReport:
-    """Read what a kernel wrote down."""
-    n_removed_nodes, n_removed_springs, *sizes = journal[:8].tolist()
-    ends = list(accumulate(sizes, initial=8))
-    parts = [journal[start:end] for start, end in pairwise(ends)]
-    opened = parts[4]
-    return CutReport(
-        new_nodes=parts[0].reshape(-1, 2),
-        new_springs=parts[1].reshape(-1, 2),
-        boundary_faces=np.stack((opened >> 2, opened & 3), axis=1),
-        removed_tetrahedra=removed,
-        n_removed_nodes=n_removed_nodes,
-        n_removed_springs=n_removed_springs,
-        moved_nodes=parts[2].reshape(-1, 2),
-        moved_springs=parts[3].reshape(-1, 2),
-        new_components=parts[5],
-    )
 
 
 @kernel
-def cut_kernel(gmap, matter, slots, removed):
-    """Cut the map, then bring the mechanics in line; in the time of the stars touched, whatever the body's size."""
-    change = unsew_faces(gmap, slots, removed)
+def cut_kernel(table, row, real, pairs, tetrahedra):
+    """Cut faces, given as pairs of tetrahedra, and remove tetrahedra, in the time of the stars touched; return the journal.
+
+    Where one of them is not there to cut, nothing is done, and the journal is but one number.
+    """
+    body = read_body(table, row, real)
+    matter, gmap = body.matter, body.gmap
+    n_tets = len(gmap.component_of)
+    slots = np.empty(len(pairs), dtype=np.int64)
+    is_there = True
+    for i in range(len(pairs)):
+        slots[i] = slot_between(gmap, pairs[i, 0], pairs[i, 1])
+        is_there = is_there and slots[i] >= 0
+    for tetrahedron in tetrahedra:
+        is_there = is_there and is_live(gmap, tetrahedron)
+    if not is_there:
+        return np.empty(1, dtype=np.int64)
+    change = unsew_faces(gmap, ascending(slots, 4 * n_tets), ascending(tetrahedra, n_tets))
     embed(gmap, matter, change.vertices, change.edges)
     return write_journal(change)
 
 
+@part
+def is_live(gmap, tetrahedron):
+    """Tell whether a number is that of a tetrahedron that is not removed."""
+    return 0 <= tetrahedron < len(gmap.component_of) and gmap.component_of[tetrahedron] >= 0
+
+
+@part
+def slot_between(gmap, tet_a, tet_b):
+    """Return the lower slot 4*tetrahedron + face of the face between two tetrahedra, -1 where they share none."""
+    if is_live(gmap, tet_a) and is_live(gmap, tet_b) and tet_a != tet_b:
+        for face in range(4):
+            beyond = neighbour(gmap.image, tet_a, face)
+            if beyond >> 2 == tet_b:
+                return min(4 * tet_a + face, beyond)
+    return np.int64(-1)
+
+
 @kernel
-def sew_kernel(gmap, matter, dart_a, dart_b):
+def sew_kernel(table, row, real, dart_a, dart_b):
     """Sew the map, merge the nodes that became one, then bring the mechanics in line."""
+    body = read_body(table, row, real)
+    matter, gmap = body.matter, body.gmap
     change, merged = sew_faces(gmap, dart_a, dart_b)
     for i in range(len(merged)):
         merge_nodes(matter.nodes, merged[i, 0], merged[i, 1])
@@ -204,25 +274,39 @@ def sew_kernel(gmap, matter, dart_a, dart_b):
     return write_journal(change)
 
 
-@kernel
+@part
 def write_journal(change):
     """Write a change into one array, since each array that a kernel returns costs microseconds: sizes first, then all parts."""
     vertices, edges = change.vertices, change.edges
-    parts = (
-        vertices.final_copied.reshape(-1), edges.final_copied.reshape(-1),
-        vertices.final_moved.reshape(-1), edges.final_moved.reshape(-1),
-        change.opened, change.labels,
-    )  # fmt: skip
-    size = 8
-    for part in parts:
-        size += len(part)
-    journal = np.empty(size, dtype=np.int64)
+    n_new_nodes, n_new_springs = 2 * len(vertices.final_copied), 2 * len(edges.final_copied)
+    n_moved_nodes, n_moved_springs = 2 * len(vertices.final_moved), 2 * len(edges.final_moved)
+    n_opened, n_labels = len(change.opened), len(change.labels)
+    journal = np.empty(8 + n_new_nodes + n_new_springs + n_moved_nodes + n_moved_springs + n_opened + n_labels, dtype=np.int64)
     journal[0] = vertices.n_dead
     journal[1] = edges.n_dead
-    end = 8
-    for i in range(6):
-        journal[2 + i] = len(parts[i])
-        for value in parts[i]:
-            journal[end] = value
-            end += 1
+    journal[2] = n_new_nodes
+    journal[3] = n_new_springs
+    journal[4] = n_moved_nodes
+    journal[5] = n_moved_springs
+    journal[6] = n_opened
+    journal[7] = n_labels
+    end = write_pairs(journal, 8, vertices.final_copied)
+    end = write_pairs(journal, end, edges.final_copied)
+    end = write_pairs(journal, end, vertices.final_moved)
+    end = write_pairs(journal, end, edges.final_moved)
+    for slot in change.opened:
+        journal[end] = slot
+        end += 1
+    for label in change.labels:
+        journal[end] = label
+        end += 1
     return journal
+
+
+@part
+def write_pairs(journal, start, pairs):
+    """Write pairs from a place on; return where they end."""
+    for i in range(len(pairs)):
+        journal[start + 2 * i] = pairs[i, 0]
+        journal[start + 2 * i + 1] = pairs[i, 1]
+    return start + 2 * len(pairs)

@@ -5,12 +5,12 @@ scene does not name has arrays without rows; it is left out once per call, not o
 additions is fixed, so equal states give equal bits.
 """
 
-from gmapspring.jit import kernel
+from gmapspring.jit import part
 from gmapspring.quad import load, store
 from gmapspring.spring_kernel import add_spring_forces
 
 
-@kernel
+@part
 def sum_forces(nodes, springs, n_nodes, n_springs, state, force):
     """Set force (capacity, 4) [N] to all that pushes on the nodes in a state (capacity, 8)."""
     start_forces(nodes, n_nodes, force)
@@ -18,7 +18,7 @@ def sum_forces(nodes, springs, n_nodes, n_springs, state, force):
     add_spring_forces(springs, n_springs, state, force)
 
 
-@kernel
+@part
 def start_forces(nodes, n_nodes, force):
     """Set forces to the constant ones, weight and loads, or to zero where the scene names neither."""
     external = nodes.external
@@ -32,7 +32,7 @@ def start_forces(nodes, n_nodes, force):
                 force[i, axis] = zero
 
 
-@kernel
+@part
 def add_viscous_forces(nodes, n_nodes, state, force):
     """Add -viscosity * velocity to each node, where the scene names viscosity."""
     viscosity = nodes.viscosity

@@ -15,8 +15,10 @@ from functools import cache
 from typing import Any
 
 import numba
+from numba.core.dispatcher import Dispatcher
 
 _settings: Any = numba.config
+_compile: Any = numba.njit
 
 
 def cache_root() -> pathlib.Path:
@@ -65,8 +67,12 @@ def _cache_folder(source: pathlib.Path, root: pathlib.Path) -> str:
     return str(cache_root() / f"{source.stem}-{digest.hexdigest()[:16]}")
 
 
+OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "no_cfunc_wrapper": True}
+"""No interpreter lock, IEEE arithmetic, no checks of indices."""
+
+
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function for the inner loops: no interpreter lock, IEEE arithmetic, cached on disk."""
+    """Compile a function for the inner loops, to be called from Python, and cache it on disk."""
     source = pathlib.Path(function.__code__.co_filename)
     depth = function.__module__.count(".") + (source.name == "__init__.py")
     is_package_file = source.is_file() and len(source.parents) > depth
@@ -75,6 +81,20 @@ def kernel(function: Callable[..., Any]) -> Any:
         # The cache folder of a function is fixed when it is decorated: other users of numba keep their own.
         _settings.CACHE_DIR = _cache_folder(source, source.parents[depth])
     try:
-        return numba.njit(function, cache=is_package_file, nogil=True, error_model="numpy", boundscheck=False)
+        return _compile(function, cache=is_package_file, **OPTIONS)
     finally:
         _settings.CACHE_DIR = before
+
+
+def part(function: Callable[..., Any]) -> Any:
+    """Compile a function that only kernels call; without the way in from Python it takes half as long to compile."""
+    dispatcher = _compile(function, no_cpython_wrapper=True, **OPTIONS)
+    if isinstance(dispatcher, Dispatcher):
+
+        def refuse(*arguments: Any, **keywords: Any) -> None:
+            raise TypeError(f"{function.__name__} is a part of kernels: call it from a kernel, not from Python")
+
+        # Python would follow the way in that is not there: so none of the compiled forms is shown to it.
+        dispatcher._compile_for_args = refuse
+        dispatcher.add_overload = lambda result: dispatcher.overloads.update({tuple(result.signature.args): result})
+    return dispatcher

@@ -9,7 +9,7 @@ import numpy as np
 
 from gmapspring import cut as cutting
 from gmapspring import stability, state_file
-from gmapspring.body import Body, Material, aligned_zeros, build_body
+from gmapspring.body import Body, Material, build_body
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
 from gmapspring.errors import DivergenceError, StabilityError
@@ -18,6 +18,9 @@ from gmapspring.mesh import Mesh
 from gmapspring.snapshot import Snapshot, load_arrays, name_loads, save_arrays
 from gmapspring.topology import gmap as topology
 from gmapspring.validity import check_body
+
+ONE_ROW, NEVER = np.zeros(1, np.int64), np.full(1, -1.0)
+"""The only row of a body's own table; a tolerance at which nothing ends early."""
 
 
 class SimulationState(NamedTuple):
@@ -50,9 +53,8 @@ class Simulation:
         self.n_substeps = 0
         """Substeps taken so far."""
         self.body: Body = build_body(mesh, material, _pinned_mask(pinned, mesh), _vector(gravity, "gravity"),
-                                     np.dtype(dtype).type)
-        embed_all(self.body.gmap, self.body.matter)
-        self._work: np.ndarray = aligned_zeros((self.integrator.n_work, len(self.body.node_rows.mass), 8), dtype)
+                                     np.dtype(dtype).type, self.integrator.n_work)
+        embed_all(self.body.table, 0, self.body.real)
         if loads is not None:
             self.set_loads(loads)
         self.stable_step = stability.stable_step(self.body, self.integrator)
@@ -82,13 +84,12 @@ class Simulation:
         return n_substeps
 
     def _take_substeps(self, step: float, n_substeps: int) -> None:
-        """Take substeps in one call of a kernel; on divergence go back and find the last finite state."""
-        state = self.body.nodes.state
-        before = state.copy()
-        self._advance_kernel(step, n_substeps)
-        n_finite = n_substeps
-        if not np.isfinite(state).all():
-            n_finite = self._advance_while_finite(before, step)
+        """Take substeps in one call of a kernel; on divergence find the last finite state."""
+        n_finite = self._advance_kernel(step, n_substeps)
+        if n_finite < 0:
+            n_finite = 0
+            while self._advance_kernel(step, 1) == 1:
+                n_finite += 1
         self.time += n_finite * step
         self.n_substeps += n_finite
         if n_finite < n_substeps:
@@ -97,25 +98,11 @@ class Simulation:
                 f"{self.time:.6g} s; the body holds its last finite state. Look for loads or velocities beyond all bounds"
             )
 
-    def _advance_while_finite(self, before: np.ndarray, step: float) -> int:
-        """Repeat from a finite state one substep at a time; stop before the first that is not finite."""
-        state = self.body.nodes.state
-        state[...] = before
-        n_finite = 0
-        while True:
-            last = state.copy()
-            self._advance_kernel(step, 1)
-            if not np.isfinite(state).all():
-                state[...] = last
-                return n_finite
-            n_finite += 1
-
-    def _advance_kernel(self, step: float, n_substeps: int) -> None:
-        """Call the integrator's kernel on the live rows."""
-        body = self.body
-        typed_step = body.node_rows.state.dtype.type(step)
-        self.integrator.advance(body.node_rows, body.spring_rows, self._work, body.n_nodes, body.n_springs,
-                                typed_step, n_substeps)
+    def _advance_kernel(self, step: float, n_substeps: int) -> int:
+        """Call the integrator's kernel; return how many substeps it took, -1 where the state stopped being finite."""
+        taken = np.zeros(1, np.int64)
+        self.integrator.advance(self.body.table, ONE_ROW, self.body.real, np.array([step]), np.array([n_substeps]), NEVER, taken)
+        return int(taken[0])
 
     def split_face(self, tet_a: int, tet_b: int) -> CutReport:
         """Cut the face between two tetrahedra; see cut.split_face."""
@@ -157,7 +144,7 @@ class Simulation:
         has_external = len(load) > 0 or bool(body.matter.gravity.any())
         name_loads(body, load, has_external)
         if has_external:
-            sum_external(body.gmap, body.matter)
+            sum_external(body.table, 0, body.real)
 
     def components(self) -> np.ndarray:
         """Label the components 0, 1, ... in the order of their lowest tetrahedron, -1 where removed, (n_tets,)."""

@@ -20,16 +20,13 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import lower_builtin, type_callable
 
-from gmapspring.jit import kernel
+from gmapspring.jit import part
+from gmapspring.matter import BLOCK
 
-WIDTH = 16
-"""Springs are taken in groups of this many at most: arrays of springs have room for a whole number of them."""
-BLOCK = 512
-"""Springs between the two passes: few enough that their nodes are still in the nearest cache."""
 WIDE = ir.IntType(64)
 
 
-@kernel
+@part
 def add_spring_forces(springs, n_springs, state, force):
     """Add the pull of each spring to its two ends: force (capacity, 4) [N] from state (capacity, 8)."""
     coefficient = springs.coefficient
@@ -43,7 +40,7 @@ def add_spring_forces(springs, n_springs, state, force):
 def set_coefficients(endpoints, rest_length, stiffness, damping, state, start, stop, coefficient):
     """Set coefficient[s - start] [N/m] of springs start <= s < stop; damping may have no rows.
 
-    May also write those that complete the last group of WIDTH: all arrays have room for it.
+    May also write those that complete the last GROUP: all arrays have room for it.
     """
     for s in range(start, stop):
         i, j = endpoints[s]

@@ -23,7 +23,7 @@ from scipy.sparse.linalg import eigsh
 
 from gmapspring.body import Body
 from gmapspring.integrators import Integrator
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 N_SWEEPS = 12
 """More than enough: each sweep squares the error, and most tetrahedra need five."""
@@ -51,7 +51,7 @@ def fill_frequencies(points, tetrahedra, modulus, mass, frequencies):
         frequencies[tetrahedron] = math.sqrt(max(largest_eigenvalue(matrix), 0.0) / (0.25 * mass[tetrahedron]))
 
 
-@kernel
+@part
 def set_laplacian(points, corners, modulus, matrix):
     """Set the Laplacian (4, 4) [N/m] of a tetrahedron's six springs, each of stiffness modulus / length^2."""
     matrix[:] = 0.0
@@ -86,7 +86,7 @@ def largest_eigenvalue(matrix):
     return largest
 
 
-@kernel
+@part
 def rotate(matrix, p, q):
     """Turn axes p and q so that the entry (p, q) of a symmetric matrix becomes zero."""
     slope = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])

@@ -1,11 +1,13 @@
-"""What an integrator is: a scheme's name, order, stable step and kernel."""
+"""What an integrator is: a scheme's name, order, stable step and kernel; and what all of them do around their steps."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gmapspring.jit import kernel
+from gmapspring.jit import part
+from gmapspring.matter import N_NODES
+from gmapspring.quad import load, store
 
 
 class Integrator(NamedTuple):
@@ -16,7 +18,7 @@ class Integrator(NamedTuple):
     order: int
     """The global error shrinks as step**order."""
     n_work: int
-    """How many scratch arrays like Nodes.state `advance` needs."""
+    """How many states like Nodes.state it needs room for."""
     stable_step: Callable[[np.ndarray | float, np.ndarray | float], float]
     """stable_step(omega, damping_rate) -> longest step [s] for a body of elements that have these highest frequencies
     [rad/s] and highest damping rates, beta omega^2 + gamma [1/s]; arrays over elements, or one number each."""
@@ -24,15 +26,69 @@ class Integrator(NamedTuple):
     """The part of the stable step to take where no step is asked for, below 1: near the bound, which is one for small motions,
     violent undamped ones gain energy as stiffness swings. At this share they do not (see tests/stability)."""
     advance: Callable[..., Any]
-    """advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps): kernel that takes all substeps in one call.
-    work is (n_work, capacity, 8) and step a scalar, both of the dtype of nodes.state."""
+    """advance(table, rows, real, steps, n_substeps, tolerances, taken): kernel that takes all substeps of all rows in one call.
+
+    table, real: where the matter of each row lies, and in which precision; see addresses.py.
+    rows: the rows of the table to advance, int64 (k,). steps [s] (k,), n_substeps, int64 (k,): how far.
+    tolerances [m] (k,): a row ends early where it can move no further than this in what is left of its time; negative: never.
+    taken: out, how many substeps each row took, -1 where its state stopped being finite: it is then as it was, int64 (k,)."""
 
 
-@kernel
-def hold_pinned(nodes, n_nodes):
-    """Stop pinned nodes: without a force that moves them (their inverse mass is 0), they then stay put to the last bit."""
-    zero = nodes.state.dtype.type(0)
+N_BETWEEN = np.int64(16)
+"""Substeps between two looks at whether a row has come to rest."""
+
+
+@part
+def begin(matter):
+    """Stop pinned nodes, and keep the state to go back to. Without a force that moves them, pinned nodes then stay put."""
+    nodes, n_nodes = matter.nodes, matter.counts[N_NODES]
+    state, zero = nodes.state, nodes.state.dtype.type(0)
+    before = matter.work[matter.work.shape[0] - n_nodes:]
     for i in range(n_nodes):
         if nodes.is_pinned[i]:
             for axis in range(4, 8):
-                nodes.state[i, axis] = zero
+                state[i, axis] = zero
+        store(before, i, 0, load(state, i, 0))
+        store(before, i, 4, load(state, i, 4))
+
+
+@part
+def next_substeps(matter, n_taken, n_substeps, step, tolerance):
+    """Return how many substeps to take before asking again, 0 where the row is done."""
+    if tolerance < 0.0:
+        return n_substeps - n_taken
+    if n_taken > 0 and motion_ahead(matter, (n_substeps - n_taken) * step) <= tolerance:
+        return np.int64(0)
+    return min(N_BETWEEN, n_substeps - n_taken)
+
+
+@part
+def motion_ahead(matter, seconds):
+    """Return how far the fastest node can come in so many seconds at its velocity and its acceleration [m]."""
+    nodes = matter.nodes
+    farthest = 0.0
+    for i in range(matter.counts[N_NODES]):
+        velocity, acceleration = 0.0, 0.0
+        for axis in range(3):
+            velocity += np.float64(nodes.state[i, 4 + axis]) ** 2
+            acceleration += np.float64(nodes.inverse_mass[i] * nodes.force[i, axis]) ** 2
+        farthest = max(farthest, np.sqrt(velocity) * seconds + 0.5 * np.sqrt(acceleration) * seconds * seconds)
+    return farthest
+
+
+@part
+def end(matter, n_taken):
+    """Return n_taken; or, where the state is not finite, put the old one back and return -1."""
+    n_nodes = matter.counts[N_NODES]
+    state = matter.nodes.state
+    total = state.dtype.type(0)
+    for i in range(n_nodes):
+        for axis in range(8):
+            total += state[i, axis] - state[i, axis]  # 0, or not a number
+    if total == state.dtype.type(0):
+        return n_taken
+    before = matter.work[matter.work.shape[0] - n_nodes:]
+    for i in range(n_nodes):
+        store(state, i, 0, load(before, i, 0))
+        store(state, i, 4, load(before, i, 4))
+    return np.int64(-1)

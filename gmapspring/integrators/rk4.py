@@ -7,8 +7,9 @@ region: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996
 import numpy as np
 
 from gmapspring.forces import sum_forces
-from gmapspring.integrators.integrator import Integrator, hold_pinned
-from gmapspring.jit import kernel
+from gmapspring.integrators.integrator import Integrator, begin, end, next_substeps
+from gmapspring.jit import kernel, part
+from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
 from gmapspring.quad import load, store
 
 IMAGINARY_REACH = 2.8284
@@ -22,12 +23,29 @@ STRIP_REACH = 0.86
 
 
 @kernel
-def advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps):
-    """Take n_substeps of four stages each; work[0] is the stage's state, work[1] the weighted sum so far."""
-    state, force, stage, total = nodes.state, nodes.force, work[0], work[1]
+def advance(table, rows, real, steps, n_substeps, tolerances, taken):
+    """Advance rows; see Integrator.advance."""
+    for k in range(len(rows)):
+        matter = read_matter(table, rows[k], real)
+        begin(matter)
+        n_taken = np.int64(0)
+        while n_taken < n_substeps[k]:
+            more = next_substeps(matter, n_taken, n_substeps[k], steps[k], tolerances[k])
+            if more == 0:
+                break
+            take_substeps(matter, matter.nodes.state.dtype.type(steps[k]), more)
+            n_taken += more
+        taken[k] = end(matter, n_taken)
+
+
+@part
+def take_substeps(matter, step, n_substeps):
+    """Take n_substeps of four stages each."""
+    nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
+    state, force = nodes.state, nodes.force
+    stage, total = matter.work[:n_nodes], matter.work[n_nodes: 2 * n_nodes]  # the stage's state, and the weighted sum so far
     scalar = state.dtype.type
     half, third, sixth = scalar(step / scalar(2)), scalar(step / scalar(3)), scalar(step / scalar(6))
-    hold_pinned(nodes, n_nodes)
     for _ in range(n_substeps):
         sum_forces(nodes, springs, n_nodes, n_springs, state, force)
         first_stage(nodes, n_nodes, stage, total, half, sixth)
@@ -39,7 +57,7 @@ def advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps):
         last_stage(nodes, n_nodes, stage, total, sixth)
 
 
-@kernel
+@part
 def first_stage(nodes, n_nodes, stage, total, reach, weight):
     """Start the sum at the state, and set the next stage reach [s] along the slope."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
@@ -52,7 +70,7 @@ def first_stage(nodes, n_nodes, stage, total, reach, weight):
         store(stage, i, 4, velocity + reach * acceleration)
 
 
-@kernel
+@part
 def middle_stage(nodes, n_nodes, stage, total, reach, weight):
     """Add the stage's slope to the sum, and set the next stage reach [s] along it."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
@@ -64,7 +82,7 @@ def middle_stage(nodes, n_nodes, stage, total, reach, weight):
         store(stage, i, 4, load(state, i, 4) + reach * acceleration)
 
 
-@kernel
+@part
 def last_stage(nodes, n_nodes, stage, total, weight):
     """Set the state to the sum and the last slope."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass

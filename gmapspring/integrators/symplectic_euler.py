@@ -6,20 +6,37 @@ Source: E. Hairer, C. Lubich, G. Wanner, "Geometric Numerical Integration", 2006
 import numpy as np
 
 from gmapspring.forces import sum_forces
-from gmapspring.integrators.integrator import Integrator, hold_pinned
-from gmapspring.jit import kernel
+from gmapspring.integrators.integrator import Integrator, begin, end, next_substeps
+from gmapspring.jit import kernel, part
+from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
 from gmapspring.quad import load, store
 
 
 @kernel
-def advance(nodes, springs, work, n_nodes, n_springs, step, n_substeps):
+def advance(table, rows, real, steps, n_substeps, tolerances, taken):
+    """Advance rows; see Integrator.advance."""
+    for k in range(len(rows)):
+        matter = read_matter(table, rows[k], real)
+        begin(matter)
+        n_taken = np.int64(0)
+        while n_taken < n_substeps[k]:
+            more = next_substeps(matter, n_taken, n_substeps[k], steps[k], tolerances[k])
+            if more == 0:
+                break
+            take_substeps(matter, matter.nodes.state.dtype.type(steps[k]), more)
+            n_taken += more
+        taken[k] = end(matter, n_taken)
+
+
+@part
+def take_substeps(matter, step, n_substeps):
     """Take n_substeps: kick with the forces at the old state, damping included, then drift with the new velocity."""
-    state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
-    hold_pinned(nodes, n_nodes)
+    nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
+    state, force = nodes.state, nodes.force
     for _ in range(n_substeps):
         sum_forces(nodes, springs, n_nodes, n_springs, state, force)
         for i in range(n_nodes):
-            velocity = load(state, i, 4) + (step * inverse_mass[i]) * load(force, i, 0)
+            velocity = load(state, i, 4) + (step * nodes.inverse_mass[i]) * load(force, i, 0)
             store(state, i, 4, velocity)
             store(state, i, 0, load(state, i, 0) + step * velocity)
 

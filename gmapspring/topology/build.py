@@ -2,11 +2,14 @@
 
 import numpy as np
 
-from gmapspring.jit import kernel
-from gmapspring.topology.cells import assign_cell, recount_link
+from gmapspring.jit import kernel, part
+from gmapspring.topology.cells import recount_link
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS
 from gmapspring.topology.gmap import EDGE, N_EDGES, N_LABELS, N_TETRAHEDRA, N_VERTICES, NO_DART, VERTEX, GMap, link_faces
-from gmapspring.topology.walks import lowest_dart, walk_component
+from gmapspring.topology.walks import lowest_dart, walk_component, walk_edge, walk_vertex
+
+HANDS = 16
+"""As many edges that follow one another share no vertex; the spring kernel takes no more at a time."""
 
 
 def empty_gmap(n_tetrahedra: int) -> GMap:
@@ -31,7 +34,7 @@ def build_gmap(tetrahedra: np.ndarray, n_points: int) -> GMap:
     """Build the map of positively oriented tetrahedra, int (n, 4), gluing those that share three points.
 
     Vertex numbers are the points' own; where the tetrahedra at a point are not connected through faces, the point becomes several
-    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts.
+    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts, then dealt out.
     """
     gmap = empty_gmap(len(tetrahedra))
     corners = np.ascontiguousarray(tetrahedra, dtype=np.int64)
@@ -66,7 +69,7 @@ def glue_faces(image, corners, n_points):
                     break
 
 
-@kernel
+@part
 def glue_if_same(image, corners, slot, other):
     """Link two faces if they lie on the same three points; tell whether they do."""
     face = FACE_CORNERS[slot & 3]
@@ -91,24 +94,66 @@ def number_cells(gmap, corners, n_points):
     """Number vertices, edges and components and count the links, from the gluings alone."""
     gmap.vertex_dart[:n_points] = NO_DART
     gmap.counts[N_VERTICES] = n_points
+    gmap.counts[N_TETRAHEDRA] = len(corners)
     for tetrahedron in range(len(corners)):
-        for corner in range(4):
-            if gmap.vertex_of[tetrahedron, corner] < 0:
-                vertex = corners[tetrahedron, corner]
-                if gmap.vertex_dart[vertex] != NO_DART:
-                    vertex = gmap.counts[N_VERTICES]
-                    gmap.counts[N_VERTICES] += 1
-                gmap.vertex_dart[vertex] = lowest_dart(VERTEX, 4 * tetrahedron + corner)
-                assign_cell(gmap, VERTEX, np.int64(gmap.vertex_dart[vertex]), vertex)
         for edge in range(6):
             if gmap.edge_of[tetrahedron, edge] < 0:
-                gmap.edge_dart[gmap.counts[N_EDGES]] = lowest_dart(EDGE, 6 * tetrahedron + edge)
-                assign_cell(gmap, EDGE, lowest_dart(EDGE, 6 * tetrahedron + edge), gmap.counts[N_EDGES])
-                gmap.counts[N_EDGES] += 1
+                number_edge(gmap, 6 * tetrahedron + edge)
         if gmap.component_of[tetrahedron] < 0:
             for member in gmap.queue[: walk_component(gmap, tetrahedron, gmap.queue)]:
                 gmap.component_of[member] = gmap.counts[N_LABELS]
             gmap.counts[N_LABELS] += 1
-    for vertex in range(gmap.counts[N_VERTICES]):
-        recount_link(gmap, vertex)
-    gmap.counts[N_TETRAHEDRA] = len(corners)
+    for tetrahedron in range(len(corners)):
+        for corner in range(4):
+            if gmap.vertex_of[tetrahedron, corner] < 0:
+                number_vertex(gmap, 4 * tetrahedron + corner, corners[tetrahedron, corner])
+    deal_edges(gmap)
+
+
+@part
+def number_edge(gmap, code):
+    """Give the next number to the edge that begins at a code 6*tetrahedron + edge."""
+    number = gmap.counts[N_EDGES]
+    gmap.counts[N_EDGES] += 1
+    gmap.edge_dart[number] = lowest_dart(EDGE, code)
+    for member in gmap.queue[: walk_edge(gmap, code // 6, code % 6, gmap.queue)]:
+        gmap.edge_of[member // 6, member % 6] = number
+
+
+@part
+def number_vertex(gmap, code, point):
+    """Give the vertex that begins at a code 4*tetrahedron + corner the number of its point, or the next one if that is taken."""
+    number = point
+    if gmap.vertex_dart[number] != NO_DART:
+        number = gmap.counts[N_VERTICES]
+        gmap.counts[N_VERTICES] += 1
+    gmap.vertex_dart[number] = lowest_dart(VERTEX, code)
+    n_members = walk_vertex(gmap, code >> 2, code & 3, gmap.queue)
+    for member in gmap.queue[:n_members]:
+        gmap.vertex_of[member >> 2, member & 3] = number
+    recount_link(gmap, number, gmap.queue, 0, n_members)
+
+
+@part
+def deal_edges(gmap):
+    """Number the edges anew, as if dealt to HANDS hands in turn from so many parts of the body.
+
+    Edges that follow one another then lie far apart and share no vertex, except in very small bodies: whoever runs over
+    edges and adds to their vertices need not wait for the sum before.
+    """
+    n_edges = gmap.counts[N_EDGES]
+    size, n_longer = n_edges // HANDS, n_edges % HANDS  # the first n_longer parts have one edge more
+    dealt = np.empty(n_edges, dtype=np.int32)
+    for edge in range(n_edges):
+        if edge < n_longer * (size + 1):
+            hand, place = edge // (size + 1), edge % (size + 1)
+        else:
+            rest = edge - n_longer * (size + 1)
+            hand, place = n_longer + rest // size, rest % size
+        dealt[edge] = place * HANDS + hand
+    darts = gmap.edge_dart[:n_edges].copy()
+    for edge in range(n_edges):
+        gmap.edge_dart[dealt[edge]] = darts[edge]
+    for tetrahedron in range(len(gmap.edge_of)):
+        for edge in range(6):
+            gmap.edge_of[tetrahedron, edge] = dealt[gmap.edge_of[tetrahedron, edge]]

@@ -10,10 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gmapspring.jit import kernel
+from gmapspring.jit import part
 from gmapspring.topology.darts import CORNER_EDGES, CORNER_FACES, EDGE_CORNERS, FACE_CORNERS, FACE_EDGES
-from gmapspring.topology.gmap import EDGE, EDGES, FACES, N_TETRAHEDRA, NO_DART, TETRAHEDRA, VERTEX, alpha3, neighbour, unlink_face
-from gmapspring.topology.walks import code_of_dart, lowest_dart, sort, walk_cell, walk_vertex
+from gmapspring.topology.gmap import (
+    EDGE,
+    EDGES,
+    FACES,
+    N_TETRAHEDRA,
+    NO_DART,
+    TETRAHEDRA,
+    THREE,
+    TWENTY_FOUR,
+    TWO,
+    VERTEX,
+    alpha3,
+    neighbour,
+    unlink_face,
+)  # fmt: skip
+from gmapspring.topology.walks import code_of_dart, lowest_dart, put_sorted, sort, walk_cell
 
 
 class Settled(NamedTuple):
@@ -23,11 +37,15 @@ class Settled(NamedTuple):
     """(kept, new) where a cell split, (kept, gone) where two merged, int64 (k, 2)."""
     changed: np.ndarray
     """Cells whose tetrahedra may have changed, the new ones included, int64 (k,)."""
+    ends: np.ndarray
+    """Where the members of each changed cell end; they begin where those of the one before end, int64 (k,)."""
+    members: np.ndarray
+    """Codes (see walk_cell) of all members of changed cells, ascending in each, int32 (n,)."""
     dead: np.ndarray
     """Cells that have no tetrahedron left, ascending, int64 (k,)."""
 
 
-@kernel
+@part
 def open_faces(gmap, slots, removed):
     """Unlink faces and whole tetrahedra; return the slots that became free, the two sides of a face one after the other."""
     opened = np.empty(2 * len(slots) + 8 * len(removed), dtype=np.int64)
@@ -49,7 +67,7 @@ def open_faces(gmap, slots, removed):
     return opened[:n_opened]
 
 
-@kernel
+@part
 def forget_removed(cell_of, dart_of, removed):
     """Take removed tetrahedra out of their cells, mark those cells as touched, and return their numbers."""
     per = cell_of.shape[1]
@@ -66,7 +84,7 @@ def forget_removed(cell_of, dart_of, removed):
     return left[:n_left]
 
 
-@kernel
+@part
 def touched_edges(gmap, opened):
     """Mark the edges of freed faces as touched; return the codes 6*tetrahedron + edge of live tetrahedra."""
     codes = np.empty(3 * len(opened), dtype=np.int64)
@@ -82,7 +100,7 @@ def touched_edges(gmap, opened):
     return codes[:n_codes]
 
 
-@kernel
+@part
 def touched_vertices(gmap, opened, new_edges):
     """Return the codes 4*tetrahedron + corner at which a vertex can have split; count the freed faces at all others.
 
@@ -109,45 +127,62 @@ def touched_vertices(gmap, opened, new_edges):
     return codes[:n_codes]
 
 
-@kernel
+@part
 def settle_cells(gmap, dimension, codes, left):
     """Number the pieces of touched cells; codes lie in every piece, left are cells that lost removed tetrahedra."""
-    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
+    cell_of = gmap.vertex_of.reshape(-1) if dimension == VERTEX else gmap.edge_of.reshape(-1)  # by code
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
-    per = cell_of.shape[1]
-    old = np.empty(len(codes), dtype=np.int64)
-    first = np.empty(len(codes), dtype=np.int64)
+    queue = gmap.queue
+    changed = np.empty(len(codes), dtype=np.int64)
+    ends = np.empty(len(codes), dtype=np.int64)
+    members = np.empty(16 * len(codes), dtype=np.int32)
     n_pieces = 0
+    n_members = 0
     for code in codes:
-        cell = np.int64(cell_of[code // per, code % per])
+        cell = np.int64(cell_of[code])
         if cell < -1:
             continue  # in a piece that has been found
-        lowest = NO_DART
-        for member in gmap.queue[: walk_cell(gmap, dimension, code, gmap.queue)]:
-            cell_of[member // per, member % per] = -2 - n_pieces
-            lowest = min(lowest, lowest_dart(dimension, np.int64(member)))
-        old[n_pieces] = cell
-        first[n_pieces] = lowest
-        dart_of[cell] = min(np.int64(dart_of[cell]), lowest)
+        n_found = walk_cell(gmap, dimension, code, queue)
+        if n_members + n_found > len(members):
+            members = longer(members, n_members, n_found)
+        put_sorted(queue, n_found, members, n_members)
+        for i in range(n_found):
+            cell_of[np.uint64(queue[i])] = -2 - n_pieces
+        dart_of[cell] = min(np.int64(dart_of[cell]), lowest_dart(dimension, np.int64(members[n_members])))
+        n_members += n_found
+        changed[n_pieces] = cell
+        ends[n_pieces] = n_members
         n_pieces += 1
     new = np.empty((n_pieces, 2), dtype=np.int64)
-    changed = np.empty(n_pieces, dtype=np.int64)
     n_new = 0
+    start = 0
     for piece in range(n_pieces):
-        cell = old[piece]
-        if first[piece] != dart_of[cell]:
+        cell = changed[piece]
+        first = lowest_dart(dimension, np.int64(members[start]))
+        if first != dart_of[cell]:
+            new[n_new, 0] = cell
             cell = gmap.counts[dimension]
             gmap.counts[dimension] += 1
-            dart_of[cell] = first[piece]
-            new[n_new, 0] = old[piece]
+            dart_of[cell] = first
             new[n_new, 1] = cell
+            changed[piece] = cell
             n_new += 1
-        changed[piece] = cell
-        assign_cell(gmap, dimension, first[piece], cell)
-    return Settled(new[:n_new], changed, dead_cells(dart_of, left))
+        for i in range(start, ends[piece]):
+            cell_of[np.uint64(members[i])] = cell
+        start = ends[piece]
+    return Settled(new[:n_new], changed[:n_pieces], ends[:n_pieces], members, dead_cells(dart_of, left))
 
 
-@kernel
+@part
+def longer(members, n_members, n_more):
+    """Return a copy of the first n_members with room for as many again, and for n_more."""
+    result = np.empty(2 * len(members) + n_more, dtype=np.int32)
+    for i in range(n_members):  # a slice would take seconds to compile
+        result[i] = members[i]
+    return result
+
+
+@part
 def dead_cells(dart_of, left):
     """Return those of the cells that have no dart, ascending."""
     dead = np.empty(len(left), dtype=np.int64)
@@ -160,36 +195,44 @@ def dead_cells(dart_of, left):
     return dead[:n_dead]
 
 
-@kernel
+@part
 def assign_cell(gmap, dimension, dart, cell):
     """Give a number to every corner (dimension 0) or edge (1) of the cell that a dart belongs to."""
-    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
-    per = cell_of.shape[1]
+    cell_of = gmap.vertex_of.reshape(-1) if dimension == VERTEX else gmap.edge_of.reshape(-1)  # by code
     for member in gmap.queue[: walk_cell(gmap, dimension, code_of_dart(dimension, dart), gmap.queue)]:
-        cell_of[member // per, member % per] = cell
+        cell_of[member] = cell
 
 
-@kernel
-def recount_link(gmap, vertex):
-    """Count the edges, faces and tetrahedra around a vertex."""
-    code = code_of_dart(VERTEX, np.int64(gmap.vertex_dart[vertex]))
-    n_tetrahedra = walk_vertex(gmap, code >> 2, code & 3, gmap.queue)
+@part
+def recount_link(gmap, vertex, members, start, stop):
+    """Count the edges, faces and tetrahedra around a vertex whose members stand from start to stop."""
+    image, edge_of, edge_dart = gmap.image, gmap.edge_of, gmap.edge_dart
     n_edges = 0
     n_free = 0
-    for member in gmap.queue[:n_tetrahedra]:
-        tetrahedron = np.int64(member) >> 2
-        corner = member & 3
+    for i in range(start, stop):
+        tetrahedron = np.uint64(members[i]) >> TWO
+        corner = np.uint64(members[i]) & THREE
         for j in range(3):
             # An edge is counted in the tetrahedron of its lowest dart, hence once.
-            n_edges += gmap.edge_dart[gmap.edge_of[tetrahedron, CORNER_EDGES[corner, j]]] // 24 == tetrahedron
-            face = CORNER_FACES[corner, j]
-            n_free += neighbour(gmap.image, tetrahedron, face) == 4 * tetrahedron + face
+            edge = np.uint64(edge_of[tetrahedron, np.uint64(CORNER_EDGES[corner, np.uint64(j)])])
+            n_edges += np.uint64(edge_dart[edge]) // TWENTY_FOUR == tetrahedron
+            # No two faces of a tetrahedron are linked: a face that leads back to its own is free.
+            n_free += np.uint64(image[tetrahedron, np.uint64(CORNER_FACES[corner, np.uint64(j)])]) // TWENTY_FOUR == tetrahedron
     gmap.link[vertex, EDGES] = n_edges
-    gmap.link[vertex, FACES] = (3 * n_tetrahedra + n_free) // 2
-    gmap.link[vertex, TETRAHEDRA] = n_tetrahedra
+    gmap.link[vertex, FACES] = (3 * (stop - start) + n_free) // 2
+    gmap.link[vertex, TETRAHEDRA] = stop - start
 
 
-@kernel
+@part
+def recount_links(gmap, settled):
+    """Count what is around each vertex that has changed."""
+    start = 0
+    for piece in range(len(settled.changed)):
+        recount_link(gmap, settled.changed[piece], settled.members, start, settled.ends[piece])
+        start = settled.ends[piece]
+
+
+@part
 def compact_cells(gmap, dimension, dead):
     """Move the last cells into the rows of dead ones; return the moves (from, to), each row moving at most once."""
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
@@ -212,33 +255,41 @@ def compact_cells(gmap, dimension, dead):
     return moved[:n_moved]
 
 
-@kernel
+@part
 def merge_cells(gmap, dimension, dart):
     """Merge the cells on the two sides of a face that has just been linked: the lower number stays.
 
     Its lowest dart is the lower of the two.
     """
-    cell_of = gmap.vertex_of if dimension == VERTEX else gmap.edge_of
+    cell_of = gmap.vertex_of.reshape(-1) if dimension == VERTEX else gmap.edge_of.reshape(-1)  # by code
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
-    per = cell_of.shape[1]
     merged = np.empty((3, 2), dtype=np.int64)
     changed = np.empty(3, dtype=np.int64)
+    ends = np.empty(3, dtype=np.int64)
+    members = np.empty(48, dtype=np.int32)
     n_merged = 0
+    n_members = 0
     for side in range(3):
         here = dart // 6 * 6 + 2 * side
         code = code_of_dart(dimension, here)
         other = code_of_dart(dimension, alpha3(gmap.image, here))
-        first = np.int64(cell_of[code // per, code % per])
-        second = np.int64(cell_of[other // per, other % per])
+        first = np.int64(cell_of[code])
+        second = np.int64(cell_of[other])
         kept = min(first, second)
-        changed[side] = kept
         if first != second:
             gone = max(first, second)
             dart_of[kept] = min(np.int64(dart_of[kept]), np.int64(dart_of[gone]))
             dart_of[gone] = NO_DART
-            assign_cell(gmap, dimension, np.int64(dart_of[kept]), kept)
             merged[n_merged, 0] = kept
             merged[n_merged, 1] = gone
             n_merged += 1
-    return Settled(merged[:n_merged], changed, dead_cells(dart_of, merged[:n_merged, 1].copy()))
-
+        n_found = walk_cell(gmap, dimension, code, gmap.queue)
+        if n_members + n_found > len(members):
+            members = longer(members, n_members, n_found)
+        put_sorted(gmap.queue, n_found, members, n_members)
+        for i in range(n_found):
+            cell_of[gmap.queue[i]] = kept
+        n_members += n_found
+        changed[side] = kept
+        ends[side] = n_members
+    return Settled(merged[:n_merged], changed, ends, members, dead_cells(dart_of, merged[:n_merged, 1].copy()))

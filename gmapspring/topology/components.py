@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from gmapspring.jit import kernel
+from gmapspring.jit import part
 from gmapspring.topology.gmap import N_LABELS
-from gmapspring.topology.walks import sort, walk_smaller_side
+from gmapspring.topology.walks import sort, walk_component, walk_smaller_side
 
 
-@kernel
+@part
 def seeds_of_pieces(gmap, opened):
     """Pick live tetrahedra beside freed faces, one from each set that hangs together by shared vertices."""
     seeds = np.empty(len(opened), dtype=np.int64)
@@ -33,7 +33,7 @@ def seeds_of_pieces(gmap, opened):
     return seeds[:n_sets]
 
 
-@kernel
+@part
 def root(group, i):
     """Return the representative of a set, shortening the way to it."""
     while group[i] != i:
@@ -42,7 +42,7 @@ def root(group, i):
     return i
 
 
-@kernel
+@part
 def unite(group, i, j):
     """Join two sets; the lower representative stays."""
     i = root(group, i)
@@ -50,14 +50,18 @@ def unite(group, i, j):
     group[max(i, j)] = min(i, j)
 
 
-@kernel
+@part
 def relabel_components(gmap, opened):
     """Give a new label to each piece that has come off its component; return the new labels.
 
     Tetrahedra that share a vertex are in one component, so most cuts need no search: a face must have lost all three corners.
     """
+    if 8 * len(opened) > len(gmap.component_of):
+        return relabel_all(gmap)
     seeds = seeds_of_pieces(gmap, opened)
     n_seeds = len(seeds)
+    if n_seeds < 2:
+        return seeds[:0]
     keys = np.empty(n_seeds, dtype=np.int64)  # old label first, then seed
     for i in range(n_seeds):
         keys[i] = gmap.component_of[seeds[i]] * n_seeds + i
@@ -82,7 +86,34 @@ def relabel_components(gmap, opened):
     return labels[:n_labels]
 
 
-@kernel
+@part
+def relabel_all(gmap):
+    """Do the same by walking through the whole body, which is faster once much of it has been cut.
+
+    Of the pieces of one component the first keeps its label; the others get new ones in the order of their lowest tetrahedra.
+    """
+    is_taken = np.zeros(gmap.counts[N_LABELS], dtype=np.bool_)
+    is_found = np.zeros(len(gmap.component_of), dtype=np.bool_)
+    labels = np.empty(len(gmap.component_of), dtype=np.int64)
+    n_labels = 0
+    for seed in range(len(gmap.component_of)):
+        if gmap.component_of[seed] < 0 or is_found[seed]:
+            continue
+        label = np.int64(gmap.component_of[seed])
+        if is_taken[label]:
+            label = gmap.counts[N_LABELS]
+            gmap.counts[N_LABELS] += 1
+            labels[n_labels] = label
+            n_labels += 1
+        else:
+            is_taken[label] = True
+        for member in gmap.queue[: walk_component(gmap, seed, gmap.queue)]:
+            gmap.component_of[member] = label
+            is_found[member] = True
+    return labels[:n_labels]
+
+
+@part
 def relabel_found(gmap, n_found, at_back, label):
     """Give a label to the tetrahedra that walk_smaller_side has found."""
     start = gmap.queue.shape[0] - n_found if at_back else 0
@@ -90,7 +121,7 @@ def relabel_found(gmap, n_found, at_back, label):
         gmap.component_of[tetrahedron] = label
 
 
-@kernel
+@part
 def join_components(gmap, first, second):
     """Give one label to the components of two tetrahedra that are about to be sewn: the larger one's."""
     if gmap.component_of[first] == gmap.component_of[second]:

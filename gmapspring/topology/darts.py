@@ -64,3 +64,17 @@ LOWEST_DART_OF_CORNER = np.array([np.flatnonzero(CORNER_OF_DART == c)[0] for c i
 LOWEST_DART_OF_EDGE = np.array([np.flatnonzero(EDGE_OF_DART == e)[0] for e in range(6)], dtype=np.int32)
 IS_EVEN = np.array([np.linalg.det(np.eye(4)[p]) > 0 for p in ORDERINGS])
 """Which orderings are even permutations: sewing even to odd keeps tetrahedra the same way round, shape (24,)."""
+
+
+def _turned(first: int, k: int) -> int:
+    """Return the local dart that alpha_3 gives for dart k of a face, from the one for dart 0: turned on, or turned over."""
+    face, k0 = divmod(first, DARTS_PER_FACE)
+    return DARTS_PER_FACE * face + (k0 + k if k0 % 2 == 0 else k0 - k) % DARTS_PER_FACE
+
+
+ACROSS = np.array([[_turned(first, k) for k in range(DARTS_PER_FACE)] for first in range(DARTS_PER_TETRAHEDRON)])
+"""The local dart that alpha_3 gives for dart k of a face, from the local dart that it gives for k = 0, int64 (24, 6)."""
+CORNER_ACROSS = CORNER_OF_DART[ACROSS].astype(np.int64)
+"""The corner that it starts from, int64 (24, 6)."""
+K_AT_CORNER = np.where(DART_AT_CORNER < 0, 0, DART_AT_CORNER % DARTS_PER_FACE).astype(np.int64)
+"""The k of DART_AT_CORNER, int64 (4 corners, 4 faces)."""

@@ -8,7 +8,7 @@ the counts it would leave: edges - faces + tetrahedra around a vertex is 1 for a
 import numpy as np
 
 from gmapspring.errors import TopologyError
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 from gmapspring.topology.darts import CORNER_EDGES, DARTS_AT_EDGE, EDGE_CORNERS
 from gmapspring.topology.gmap import (
     EDGE,
@@ -25,7 +25,7 @@ from gmapspring.topology.gmap import (
 from gmapspring.topology.walks import code_of_dart, walk_edge
 
 
-@kernel
+@part
 def is_boundary_edge(gmap, tetrahedron, edge):
     """Tell whether an edge is on the boundary: the walk round it meets a free face."""
     for member in gmap.queue[: walk_edge(gmap, tetrahedron, edge, gmap.queue)]:
@@ -89,7 +89,7 @@ def vertex_pinched_by_sewing(gmap, dart, other):
     return pinched
 
 
-@kernel
+@part
 def cell_of_dart(gmap, dimension, dart):
     """Return the number of the vertex (dimension 0) or edge (1) of a dart."""
     code = code_of_dart(dimension, dart)

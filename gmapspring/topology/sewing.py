@@ -4,14 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gmapspring.addresses import address_row, struct_reader
 from gmapspring.errors import TopologyError
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
+from gmapspring.topology.build import empty_gmap
 from gmapspring.topology.cells import (
     compact_cells,
     forget_removed,
     merge_cells,
     open_faces,
-    recount_link,
+    recount_links,
     settle_cells,
     touched_edges,
     touched_vertices,
@@ -19,6 +21,11 @@ from gmapspring.topology.cells import (
 from gmapspring.topology.components import join_components, relabel_components
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS, IS_EVEN
 from gmapspring.topology.gmap import EDGE, VERTEX, GMap, check_sewable, link_faces
+
+read_gmap = struct_reader(lambda dtype: empty_gmap(0))
+"""read_gmap(table, row, real) -> GMap, for kernels; see addresses.py."""
+ANY = np.float64(0)
+"""A map holds whole numbers: it is read in whatever precision."""
 
 
 class CellChanges(NamedTuple):
@@ -30,8 +37,12 @@ class CellChanges(NamedTuple):
     """(from, to) rows that fill those of dead cells, (k, 2)."""
     changed: np.ndarray
     """Cells whose tetrahedra may have changed, the new ones included, in final numbers, (k,)."""
-    joined: np.ndarray
-    """Cells that gained corners of others, or have moved, in final numbers, (k,)."""
+    is_joined: np.ndarray
+    """Which of these gained corners of others, bool (k,)."""
+    ends: np.ndarray
+    """Where the members of each changed cell end; they begin where those of the one before end, (k,)."""
+    members: np.ndarray
+    """Codes (see walk_cell) of all members of changed cells, ascending in each, int32 (n,)."""
     n_dead: int
     """How many cells are gone."""
     final_copied: np.ndarray
@@ -51,20 +62,20 @@ class MapChange(NamedTuple):
     """Labels of the components that came off, (k,)."""
 
 
-def sew(gmap: GMap, dart: int, other: int) -> MapChange:
+def sew(gmap: GMap, dart: int, other: int) -> None:
     """Sew two free faces so that alpha_3 exchanges the two darts; raise TopologyError, with nothing changed, if it cannot be."""
     check_sewable(gmap, dart, other)
     if IS_EVEN[dart % 24] == IS_EVEN[other % 24]:
         raise TopologyError(f"cannot 3-sew darts {dart} and {other}: it would turn one tetrahedron inside out")
-    return sew_faces(gmap, dart, other)[0]
+    sew_kernel(address_row(gmap)[None], 0, ANY, dart, other)
 
 
-def unsew(gmap: GMap, dart: int) -> MapChange:
+def unsew(gmap: GMap, dart: int) -> None:
     """Unsew the face of a dart; raise TopologyError, with nothing changed, if it is free."""
     slot = int(dart) // 6
     if gmap.image.reshape(-1)[slot] == 6 * slot:
         raise TopologyError(f"cannot 3-unsew dart {dart}: it is 3-free already")
-    return unsew_faces(gmap, np.array([slot]), np.zeros(0, np.int64))
+    unsew_kernel(address_row(gmap)[None], 0, ANY, np.array([slot]))
 
 
 def face_gluing(corners: np.ndarray, tet_a: int, tet_b: int) -> tuple[int, int]:
@@ -81,6 +92,18 @@ def face_gluing(corners: np.ndarray, tet_a: int, tet_b: int) -> tuple[int, int]:
 
 
 @kernel
+def sew_kernel(table, row, real, dart, other):
+    """Sew two free faces of a map found by its addresses."""
+    sew_faces(read_gmap(table, row, real), dart, other)
+
+
+@kernel
+def unsew_kernel(table, row, real, slots):
+    """Unsew faces of a map found by its addresses."""
+    unsew_faces(read_gmap(table, row, real), slots, slots[:0])
+
+
+@part
 def unsew_faces(gmap, slots, removed):
     """Unlink faces and remove tetrahedra, then settle all splits once. Slots and removed are ascending."""
     n_vertices = gmap.counts[0]
@@ -90,8 +113,7 @@ def unsew_faces(gmap, slots, removed):
     opened = open_faces(gmap, slots, removed)
     edges = settle_cells(gmap, EDGE, touched_edges(gmap, opened), left_edges)
     vertices = settle_cells(gmap, VERTEX, touched_vertices(gmap, opened, edges.pairs[:, 1]), left_vertices)
-    for vertex in vertices.changed:
-        recount_link(gmap, vertex)
+    recount_links(gmap, vertices)
     labels = opened[:0]
     if len(vertices.pairs) > 0 or len(removed) > 0:
         labels = relabel_components(gmap, opened)
@@ -101,14 +123,14 @@ def unsew_faces(gmap, slots, removed):
             opened[n_alive] = slot
             n_alive += 1
     return MapChange(
-        follow(vertices, vertices.pairs, vertices.pairs[:, 1], compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
-        follow(edges, edges.pairs, edges.pairs[:, 1], compact_cells(gmap, EDGE, edges.dead), n_edges),
+        follow(vertices, vertices.pairs, n_vertices, compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
+        follow(edges, edges.pairs, n_edges, compact_cells(gmap, EDGE, edges.dead), n_edges),
         opened[:n_alive],
         labels,
     )
 
 
-@kernel
+@part
 def sew_faces(gmap, dart, other):
     """Link two free faces, then merge their cells; also return the (kept, gone) vertices, in numbers before the moves."""
     n_vertices = gmap.counts[0]
@@ -117,40 +139,40 @@ def sew_faces(gmap, dart, other):
     link_faces(gmap.image, dart, other)
     edges = merge_cells(gmap, EDGE, dart)
     vertices = merge_cells(gmap, VERTEX, dart)
-    for vertex in vertices.changed:
-        recount_link(gmap, vertex)
+    recount_links(gmap, vertices)
     change = MapChange(
-        follow(vertices, vertices.pairs[:0], vertices.pairs[:, 0], compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
-        follow(edges, edges.pairs[:0], edges.pairs[:, 0], compact_cells(gmap, EDGE, edges.dead), n_edges),
+        follow(vertices, vertices.pairs[:0], 0, compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
+        follow(edges, edges.pairs[:0], 0, compact_cells(gmap, EDGE, edges.dead), n_edges),
         vertices.dead[:0],
         vertices.dead[:0],
     )
     return change, vertices.pairs
 
 
-@kernel
-def follow(settled, copied, grown, moved, n_before):
-    """Express what settling did in the numbers after the moves."""
-    n_moved = len(moved)
-    final_copied = np.empty_like(copied)
-    for i in range(len(copied)):
-        final_copied[i, 0] = renumbered(copied[i, 0], moved)
-        final_copied[i, 1] = renumbered(copied[i, 1], moved)
-    changed = np.empty_like(settled.changed)
+@part
+def follow(settled, copied, first_joined, moved, n_before):
+    """Express what settling did in the numbers after the moves; cells from first_joined on gained corners of others."""
+    final_copied = copied
+    changed = settled.changed
+    is_joined = np.empty(len(changed), dtype=np.bool_)
     for i in range(len(changed)):
-        changed[i] = renumbered(settled.changed[i], moved)
-    joined = np.empty(len(grown) + n_moved, dtype=np.int64)
-    for i in range(n_moved):
-        joined[i] = moved[i, 1]
-    for i in range(len(grown)):
-        joined[n_moved + i] = renumbered(grown[i], moved)
-    n_old = n_moved  # cells that were there before move before those that are new, since rows move in ascending order
+        is_joined[i] = changed[i] >= first_joined
+    if len(moved) > 0:
+        final_copied = np.empty_like(copied)
+        for i in range(len(copied)):
+            final_copied[i, 0] = renumbered(copied[i, 0], moved)
+            final_copied[i, 1] = renumbered(copied[i, 1], moved)
+        changed = np.empty_like(settled.changed)
+        for i in range(len(changed)):
+            changed[i] = renumbered(settled.changed[i], moved)
+    n_old = len(moved)  # cells that were there before move before those that are new, since rows move in ascending order
     while n_old > 0 and moved[n_old - 1, 0] >= n_before:
         n_old -= 1
-    return CellChanges(copied, moved, changed, joined, len(settled.dead), final_copied, moved[:n_old])
+    return CellChanges(copied, moved, changed, is_joined, settled.ends, settled.members, len(settled.dead), final_copied,
+                       moved[:n_old])
 
 
-@kernel
+@part
 def renumbered(cell, moved):
     """Return the number of a cell after the moves (from, to), which are ascending."""
     low, high = 0, len(moved)

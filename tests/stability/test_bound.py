@@ -205,9 +205,8 @@ def test_the_true_limit_is_above_the_bound_but_not_far(scheme):
 def test_a_body_blows_up_just_above_its_true_limit_and_not_just_below(scheme, share):
     # The motion is so small that the body stays linear until it has grown by many powers of ten.
     sim = thrown_box(scheme, 0.0, speed=1e-9)
-    step, body, start = share * true_limit(sim), sim.body, energy(sim)
-    work = np.zeros((sim.integrator.n_work, *body.node_rows.state.shape))
-    sim.integrator.advance(body.node_rows, body.spring_rows, work, body.n_nodes, body.n_springs, step, 100)
+    step, start = share * true_limit(sim), energy(sim)
+    sim._take_substeps(step, 100)
     # NaN counts as blown up.
     assert (not energy(sim) <= 1e6 * start) == (share > 1.0)
 

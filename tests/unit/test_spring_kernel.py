@@ -11,10 +11,10 @@ import pytest
 from numba import config, njit
 
 from gmapspring import spring_kernel
-from gmapspring.body import Nodes, aligned_zeros, empty_springs
+from gmapspring.addresses import address_row
 from gmapspring.integrators import INTEGRATORS
+from gmapspring.matter import BLOCK, GROUP, Matter, Nodes, aligned_zeros, empty_springs, no_matter
 from gmapspring.quad import load, store
-from gmapspring.spring_kernel import BLOCK, WIDTH
 
 without_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="numba's compiler is switched off")
 TARGETS = {"SSE2": "x86-64", "AVX2": "haswell", "AVX-512": "skylake-avx512"}
@@ -37,18 +37,27 @@ def network(n_nodes, n_springs, dtype, has_damping, seed=0):
     return nodes, springs
 
 
+@njit
+def add_spring_forces(springs, n_springs, state, force):
+    """Call what only kernels can call."""
+    spring_kernel.add_spring_forces(springs, n_springs, state, force)
+
+
 def trajectory_digest(dtype, scheme, has_damping):
     """Return a hash of the state after 200 steps of a network."""
     nodes, springs = network(40, 150, dtype, has_damping)
-    work = aligned_zeros((INTEGRATORS[scheme].n_work, 40, 8), dtype)
-    INTEGRATORS[scheme].advance(nodes, springs, work, 40, 150, dtype(1e-2), 200)
+    work = aligned_zeros((40 * (INTEGRATORS[scheme].n_work + 1), 8), dtype)
+    matter = Matter(nodes, springs, no_matter(dtype).tetrahedra, np.zeros(3), work, np.array([40, 150, 0, 0, 0]))
+    taken = np.zeros(1, np.int64)
+    INTEGRATORS[scheme].advance(address_row(matter)[None], taken.copy(), dtype(0), np.array([1e-2]), np.array([200]), np.array([-1.0]), taken)
+    assert taken[0] == 200
     assert np.isfinite(nodes.state).all() and np.abs(nodes.state).max() > 1.0
     return hashlib.sha256(nodes.state.tobytes()).hexdigest()
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("has_damping", [False, True])
-@pytest.mark.parametrize("n_springs", [1, WIDTH - 1, WIDTH, 3 * WIDTH + 5, BLOCK + 7])
+@pytest.mark.parametrize("n_springs", [1, GROUP - 1, GROUP, 3 * GROUP + 5, BLOCK + 7])
 def test_the_vector_kernel_gives_the_bits_of_its_twin(dtype, has_damping, n_springs):
     nodes, springs = network(30, n_springs, dtype, has_damping)
     nodes.state[3] = nodes.state[5]
@@ -57,7 +66,7 @@ def test_the_vector_kernel_gives_the_bits_of_its_twin(dtype, has_damping, n_spri
     twins = [getattr(kernel, "py_func", kernel) for kernel in (spring_kernel.set_coefficients, spring_kernel.add_pulls)]
     twins[0](*springs[:4], nodes.state, 0, n_springs, coefficient)
     twins[1](springs.endpoints, coefficient, nodes.state, 0, n_springs, expected)
-    spring_kernel.add_spring_forces(springs, n_springs, nodes.state, nodes.force)
+    add_spring_forces(springs, n_springs, nodes.state, nodes.force)
     assert coefficient[0] == 0.0 and (n_springs == 1 or coefficient[1:].all())
     assert nodes.force.tobytes() == expected.tobytes()
 
@@ -66,7 +75,7 @@ def test_the_vector_kernel_gives_the_bits_of_its_twin(dtype, has_damping, n_spri
 def test_what_is_not_a_number_stays_where_it_is(square):
     nodes, springs = network(6, 40, np.float64, False)
     nodes.state[2, :3] = square
-    spring_kernel.add_spring_forces(springs, 40, nodes.state, nodes.force)
+    add_spring_forces(springs, 40, nodes.state, nodes.force)
     touched = np.unique(springs.endpoints[:40][(springs.endpoints[:40] == 2).any(axis=1)])
     untouched = np.setdiff1d(np.arange(6), touched)
     assert np.isfinite(nodes.force[untouched]).all()
