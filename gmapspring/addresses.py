@@ -12,6 +12,7 @@ its fields are found when they are used. A row does not keep its arrays alive: t
 """
 
 import ctypes
+import hashlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -73,7 +74,7 @@ def _filled(example: Any, entries: Iterator[int]) -> Any:
             address, length = next(entries), next(entries)
             shape = (length, *member.shape[1:])
             size = member.itemsize * int(np.prod(shape))
-            memory = (ctypes.c_byte * size).from_address(address) if size else b""
+            memory: Any = (ctypes.c_byte * size).from_address(address) if size else b""
             members.append(np.frombuffer(memory, member.dtype).reshape(shape))
         else:
             members.append(_filled(member, entries))
@@ -93,7 +94,9 @@ class StructType(types.Type):
             is_array = isinstance(member, np.ndarray)
             self.fields[name] = place, typeof(member) if is_array else StructType(member), member.shape[1:] if is_array else ()
             place += PER_ARRAY * (1 if is_array else sum(1 for _ in leaves(member)))
-        super().__init__(name=f"{type(example).__name__}({self.fields})")
+        # Short, since the name of every function that takes it holds its name too.
+        digest = hashlib.sha256(repr(self.fields).encode()).hexdigest()[:8]
+        super().__init__(name=f"{type(example).__name__}_{digest}")
 
 
 @register_model(StructType)

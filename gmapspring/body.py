@@ -18,6 +18,7 @@ from gmapspring.topology import gmap as topology
 from gmapspring.topology.build import build_gmap, empty_gmap
 from gmapspring.topology.darts import EDGE_CORNERS, OUTWARD_FACE_CORNERS
 from gmapspring.topology.gmap import N_EDGES, N_TETRAHEDRA, N_VERTICES, GMap
+from gmapspring.topology.room import empty_room
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,11 @@ class BodyArrays(NamedTuple):
 
     matter: Matter
     gmap: GMap
+    room: np.ndarray
+    """Scratch of cuts, int64; see topology/room.py."""
 
 
-read_body = struct_reader(lambda dtype: BodyArrays(no_matter(dtype), empty_gmap(0)))
+read_body = struct_reader(lambda dtype: BodyArrays(no_matter(dtype), empty_gmap(0), empty_room()))
 """read_body(table, row, real) -> BodyArrays, for kernels; see addresses.py."""
 
 
@@ -65,6 +68,7 @@ class Body:
         self.mesh = mesh
         self.material = material
         self.gmap = gmap
+        self.room = empty_room()
         self.matter = matter
 
     @property
@@ -75,7 +79,7 @@ class Body:
     @matter.setter
     def matter(self, matter: Matter) -> None:
         self._matter = matter
-        self.table = address_row(BodyArrays(matter, self.gmap))[None]
+        self.table = address_row(BodyArrays(matter, self.gmap, self.room))[None]
         """Where kernels find the arrays, one row; see addresses.py."""
         self.real = matter.nodes.state.dtype.type(0)
         """A number of the body's precision."""

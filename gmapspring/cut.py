@@ -229,7 +229,7 @@ def cut_kernel(table, row, real, pairs, tetrahedra):
     Where one of them is not there to cut, nothing is done, and the journal is but one number.
     """
     body = read_body(table, row, real)
-    matter, gmap = body.matter, body.gmap
+    gmap = body.gmap
     n_tets = len(gmap.component_of)
     slots = np.empty(len(pairs), dtype=np.int64)
     is_there = True
@@ -240,9 +240,15 @@ def cut_kernel(table, row, real, pairs, tetrahedra):
         is_there = is_there and is_live(gmap, tetrahedron)
     if not is_there:
         return np.empty(1, dtype=np.int64)
-    change = unsew_faces(gmap, ascending(slots, 4 * n_tets), ascending(tetrahedra, n_tets))
-    embed(gmap, matter, change.vertices, change.edges)
-    return write_journal(change)
+    return write_journal(cut_part(body, ascending(slots, 4 * n_tets), ascending(tetrahedra, n_tets)))
+
+
+@part
+def cut_part(body, slots, removed):
+    """Cut the map, then bring the mechanics in line; slots 4*tetrahedron + face and tetrahedra are ascending, each once."""
+    change = unsew_faces(body.gmap, body.room, slots, removed)
+    embed(body.gmap, body.matter, change.vertices, change.edges)
+    return change
 
 
 @part
@@ -267,7 +273,7 @@ def sew_kernel(table, row, real, dart_a, dart_b):
     """Sew the map, merge the nodes that became one, then bring the mechanics in line."""
     body = read_body(table, row, real)
     matter, gmap = body.matter, body.gmap
-    change, merged = sew_faces(gmap, dart_a, dart_b)
+    change, merged = sew_faces(gmap, body.room, dart_a, dart_b)
     for i in range(len(merged)):
         merge_nodes(matter.nodes, merged[i, 0], merged[i, 1])
     embed(gmap, matter, change.vertices, change.edges)

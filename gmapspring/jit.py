@@ -88,7 +88,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 def part(function: Callable[..., Any]) -> Any:
     """Compile a function that only kernels call; without the way in from Python it takes half as long to compile."""
-    dispatcher = _compile(function, no_cpython_wrapper=True, **OPTIONS)
+    dispatcher: Any = _compile(function, no_cpython_wrapper=True, **OPTIONS)
     if isinstance(dispatcher, Dispatcher):
 
         def refuse(*arguments: Any, **keywords: Any) -> None:

@@ -27,6 +27,7 @@ from gmapspring.topology.gmap import (
     neighbour,
     unlink_face,
 )  # fmt: skip
+from gmapspring.topology.room import take, take_pairs
 from gmapspring.topology.walks import code_of_dart, lowest_dart, put_sorted, sort, walk_cell
 
 
@@ -40,15 +41,15 @@ class Settled(NamedTuple):
     ends: np.ndarray
     """Where the members of each changed cell end; they begin where those of the one before end, int64 (k,)."""
     members: np.ndarray
-    """Codes (see walk_cell) of all members of changed cells, ascending in each, int32 (n,)."""
+    """Codes (see walk_cell) of all members of changed cells, ascending in each, int64 (n,)."""
     dead: np.ndarray
     """Cells that have no tetrahedron left, ascending, int64 (k,)."""
 
 
 @part
-def open_faces(gmap, slots, removed):
+def open_faces(gmap, room, slots, removed):
     """Unlink faces and whole tetrahedra; return the slots that became free, the two sides of a face one after the other."""
-    opened = np.empty(2 * len(slots) + 8 * len(removed), dtype=np.int64)
+    opened = take(room, 2 * len(slots) + 8 * len(removed))
     n_opened = 0
     for slot in slots:
         if neighbour(gmap.image, slot >> 2, slot & 3) != slot:
@@ -68,10 +69,10 @@ def open_faces(gmap, slots, removed):
 
 
 @part
-def forget_removed(cell_of, dart_of, removed):
+def forget_removed(room, cell_of, dart_of, removed):
     """Take removed tetrahedra out of their cells, mark those cells as touched, and return their numbers."""
     per = cell_of.shape[1]
-    left = np.empty(per * len(removed), dtype=np.int64)
+    left = take(room, per * len(removed))
     n_left = 0
     for tetrahedron in removed:
         for local in range(per):
@@ -85,9 +86,9 @@ def forget_removed(cell_of, dart_of, removed):
 
 
 @part
-def touched_edges(gmap, opened):
+def touched_edges(gmap, room, opened):
     """Mark the edges of freed faces as touched; return the codes 6*tetrahedron + edge of live tetrahedra."""
-    codes = np.empty(3 * len(opened), dtype=np.int64)
+    codes = take(room, 3 * len(opened))
     n_codes = 0
     for slot in opened:
         tetrahedron = slot >> 2
@@ -101,7 +102,7 @@ def touched_edges(gmap, opened):
 
 
 @part
-def touched_vertices(gmap, opened, new_edges):
+def touched_vertices(gmap, room, opened, new_edges):
     """Return the codes 4*tetrahedron + corner at which a vertex can have split; count the freed faces at all others.
 
     A vertex splits only where one of its edges does: two pieces of its star that came apart at a face
@@ -111,7 +112,7 @@ def touched_vertices(gmap, opened, new_edges):
         code = code_of_dart(EDGE, np.int64(gmap.edge_dart[new]))
         for corner in EDGE_CORNERS[code % 6]:
             gmap.vertex_dart[gmap.vertex_of[code // 6, corner]] = NO_DART
-    codes = np.empty(3 * len(opened), dtype=np.int64)
+    codes = take(room, 3 * len(opened))
     n_codes = 0
     for i in range(len(opened)):
         tetrahedron = opened[i] >> 2
@@ -128,14 +129,14 @@ def touched_vertices(gmap, opened, new_edges):
 
 
 @part
-def settle_cells(gmap, dimension, codes, left):
+def settle_cells(gmap, room, dimension, codes, left):
     """Number the pieces of touched cells; codes lie in every piece, left are cells that lost removed tetrahedra."""
     cell_of = gmap.vertex_of.reshape(-1) if dimension == VERTEX else gmap.edge_of.reshape(-1)  # by code
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
     queue = gmap.queue
-    changed = np.empty(len(codes), dtype=np.int64)
-    ends = np.empty(len(codes), dtype=np.int64)
-    members = np.empty(16 * len(codes), dtype=np.int32)
+    changed = take(room, len(codes))
+    ends = take(room, len(codes))
+    members = take(room, 16 * len(codes))
     n_pieces = 0
     n_members = 0
     for code in codes:
@@ -144,7 +145,7 @@ def settle_cells(gmap, dimension, codes, left):
             continue  # in a piece that has been found
         n_found = walk_cell(gmap, dimension, code, queue)
         if n_members + n_found > len(members):
-            members = longer(members, n_members, n_found)
+            members = longer(room, members, n_members, n_found)
         put_sorted(queue, n_found, members, n_members)
         for i in range(n_found):
             cell_of[np.uint64(queue[i])] = -2 - n_pieces
@@ -153,7 +154,7 @@ def settle_cells(gmap, dimension, codes, left):
         changed[n_pieces] = cell
         ends[n_pieces] = n_members
         n_pieces += 1
-    new = np.empty((n_pieces, 2), dtype=np.int64)
+    new = take_pairs(room, n_pieces)
     n_new = 0
     start = 0
     for piece in range(n_pieces):
@@ -170,22 +171,22 @@ def settle_cells(gmap, dimension, codes, left):
         for i in range(start, ends[piece]):
             cell_of[np.uint64(members[i])] = cell
         start = ends[piece]
-    return Settled(new[:n_new], changed[:n_pieces], ends[:n_pieces], members, dead_cells(dart_of, left))
+    return Settled(new[:n_new], changed[:n_pieces], ends[:n_pieces], members, dead_cells(room, dart_of, left))
 
 
 @part
-def longer(members, n_members, n_more):
+def longer(room, members, n_members, n_more):
     """Return a copy of the first n_members with room for as many again, and for n_more."""
-    result = np.empty(2 * len(members) + n_more, dtype=np.int32)
+    result = take(room, 2 * len(members) + n_more)
     for i in range(n_members):  # a slice would take seconds to compile
         result[i] = members[i]
     return result
 
 
 @part
-def dead_cells(dart_of, left):
+def dead_cells(room, dart_of, left):
     """Return those of the cells that have no dart, ascending."""
-    dead = np.empty(len(left), dtype=np.int64)
+    dead = take(room, len(left))
     n_dead = 0
     for cell in left:
         if dart_of[cell] == NO_DART:
@@ -233,11 +234,11 @@ def recount_links(gmap, settled):
 
 
 @part
-def compact_cells(gmap, dimension, dead):
+def compact_cells(gmap, room, dimension, dead):
     """Move the last cells into the rows of dead ones; return the moves (from, to), each row moving at most once."""
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
     n_kept = gmap.counts[dimension] - len(dead)
-    moved = np.empty((len(dead), 2), dtype=np.int64)
+    moved = take_pairs(room, len(dead))
     n_moved = 0
     for cell in range(n_kept, gmap.counts[dimension]):
         if dart_of[cell] == NO_DART:
@@ -256,17 +257,17 @@ def compact_cells(gmap, dimension, dead):
 
 
 @part
-def merge_cells(gmap, dimension, dart):
+def merge_cells(gmap, room, dimension, dart):
     """Merge the cells on the two sides of a face that has just been linked: the lower number stays.
 
     Its lowest dart is the lower of the two.
     """
     cell_of = gmap.vertex_of.reshape(-1) if dimension == VERTEX else gmap.edge_of.reshape(-1)  # by code
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
-    merged = np.empty((3, 2), dtype=np.int64)
-    changed = np.empty(3, dtype=np.int64)
-    ends = np.empty(3, dtype=np.int64)
-    members = np.empty(48, dtype=np.int32)
+    merged = take_pairs(room, 3)
+    changed = take(room, 3)
+    ends = take(room, 3)
+    members = take(room, 48)
     n_merged = 0
     n_members = 0
     for side in range(3):
@@ -285,11 +286,11 @@ def merge_cells(gmap, dimension, dart):
             n_merged += 1
         n_found = walk_cell(gmap, dimension, code, gmap.queue)
         if n_members + n_found > len(members):
-            members = longer(members, n_members, n_found)
+            members = longer(room, members, n_members, n_found)
         put_sorted(gmap.queue, n_found, members, n_members)
         for i in range(n_found):
             cell_of[gmap.queue[i]] = kept
         n_members += n_found
         changed[side] = kept
         ends[side] = n_members
-    return Settled(merged[:n_merged], changed, ends, members, dead_cells(dart_of, merged[:n_merged, 1].copy()))
+    return Settled(merged[:n_merged], changed, ends, members, dead_cells(room, dart_of, merged[:n_merged, 1].copy()))

@@ -4,20 +4,23 @@ import numpy as np
 
 from gmapspring.jit import part
 from gmapspring.topology.gmap import N_LABELS
+from gmapspring.topology.room import take
 from gmapspring.topology.walks import sort, walk_component, walk_smaller_side
 
 
 @part
-def seeds_of_pieces(gmap, opened):
+def seeds_of_pieces(gmap, room, opened):
     """Pick live tetrahedra beside freed faces, one from each set that hangs together by shared vertices."""
-    seeds = np.empty(len(opened), dtype=np.int64)
+    seeds = take(room, len(opened))
     n_seeds = 0
     for slot in opened:
         if gmap.component_of[slot >> 2] >= 0:
             seeds[n_seeds] = slot >> 2
             n_seeds += 1
-    group = np.arange(n_seeds)
-    keys = np.empty(4 * n_seeds, dtype=np.int64)  # vertex first, then seed: sorted, the seeds at one vertex are neighbours
+    group = take(room, n_seeds)
+    for i in range(n_seeds):
+        group[i] = i
+    keys = take(room, 4 * n_seeds)  # vertex first, then seed: sorted, the seeds at one vertex are neighbours
     for i in range(n_seeds):
         for corner in range(4):
             keys[4 * i + corner] = gmap.vertex_of[seeds[i], corner] * n_seeds + i
@@ -51,22 +54,22 @@ def unite(group, i, j):
 
 
 @part
-def relabel_components(gmap, opened):
+def relabel_components(gmap, room, opened):
     """Give a new label to each piece that has come off its component; return the new labels.
 
     Tetrahedra that share a vertex are in one component, so most cuts need no search: a face must have lost all three corners.
     """
     if 8 * len(opened) > len(gmap.component_of):
-        return relabel_all(gmap)
-    seeds = seeds_of_pieces(gmap, opened)
+        return relabel_all(gmap, room)
+    seeds = seeds_of_pieces(gmap, room, opened)
     n_seeds = len(seeds)
     if n_seeds < 2:
         return seeds[:0]
-    keys = np.empty(n_seeds, dtype=np.int64)  # old label first, then seed
+    keys = take(room, n_seeds)  # old label first, then seed
     for i in range(n_seeds):
         keys[i] = gmap.component_of[seeds[i]] * n_seeds + i
     sort(keys)
-    labels = np.empty(n_seeds, dtype=np.int64)
+    labels = take(room, n_seeds)
     n_labels = 0
     reference = np.int64(-1)
     reference_label = np.int64(-1)
@@ -87,14 +90,14 @@ def relabel_components(gmap, opened):
 
 
 @part
-def relabel_all(gmap):
+def relabel_all(gmap, room):
     """Do the same by walking through the whole body, which is faster once much of it has been cut.
 
     Of the pieces of one component the first keeps its label; the others get new ones in the order of their lowest tetrahedra.
     """
     is_taken = np.zeros(gmap.counts[N_LABELS], dtype=np.bool_)
     is_found = np.zeros(len(gmap.component_of), dtype=np.bool_)
-    labels = np.empty(len(gmap.component_of), dtype=np.int64)
+    labels = take(room, len(gmap.component_of))
     n_labels = 0
     for seed in range(len(gmap.component_of)):
         if gmap.component_of[seed] < 0 or is_found[seed]:

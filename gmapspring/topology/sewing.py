@@ -21,6 +21,7 @@ from gmapspring.topology.cells import (
 from gmapspring.topology.components import join_components, relabel_components
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS, IS_EVEN
 from gmapspring.topology.gmap import EDGE, VERTEX, GMap, check_sewable, link_faces
+from gmapspring.topology.room import clear, empty_room, take, take_pairs
 
 read_gmap = struct_reader(lambda dtype: empty_gmap(0))
 """read_gmap(table, row, real) -> GMap, for kernels; see addresses.py."""
@@ -38,11 +39,11 @@ class CellChanges(NamedTuple):
     changed: np.ndarray
     """Cells whose tetrahedra may have changed, the new ones included, in final numbers, (k,)."""
     is_joined: np.ndarray
-    """Which of these gained corners of others, bool (k,)."""
+    """Which of these gained corners of others, 1 or 0, (k,)."""
     ends: np.ndarray
     """Where the members of each changed cell end; they begin where those of the one before end, (k,)."""
     members: np.ndarray
-    """Codes (see walk_cell) of all members of changed cells, ascending in each, int32 (n,)."""
+    """Codes (see walk_cell) of all members of changed cells, ascending in each, int64 (n,)."""
     n_dead: int
     """How many cells are gone."""
     final_copied: np.ndarray
@@ -67,7 +68,7 @@ def sew(gmap: GMap, dart: int, other: int) -> None:
     check_sewable(gmap, dart, other)
     if IS_EVEN[dart % 24] == IS_EVEN[other % 24]:
         raise TopologyError(f"cannot 3-sew darts {dart} and {other}: it would turn one tetrahedron inside out")
-    sew_kernel(address_row(gmap)[None], 0, ANY, dart, other)
+    sew_kernel(address_row(gmap)[None], 0, ANY, empty_room(), dart, other)
 
 
 def unsew(gmap: GMap, dart: int) -> None:
@@ -75,7 +76,7 @@ def unsew(gmap: GMap, dart: int) -> None:
     slot = int(dart) // 6
     if gmap.image.reshape(-1)[slot] == 6 * slot:
         raise TopologyError(f"cannot 3-unsew dart {dart}: it is 3-free already")
-    unsew_kernel(address_row(gmap)[None], 0, ANY, np.array([slot]))
+    unsew_kernel(address_row(gmap)[None], 0, ANY, empty_room(), np.array([slot]))
 
 
 def face_gluing(corners: np.ndarray, tet_a: int, tet_b: int) -> tuple[int, int]:
@@ -92,57 +93,59 @@ def face_gluing(corners: np.ndarray, tet_a: int, tet_b: int) -> tuple[int, int]:
 
 
 @kernel
-def sew_kernel(table, row, real, dart, other):
+def sew_kernel(table, row, real, room, dart, other):
     """Sew two free faces of a map found by its addresses."""
-    sew_faces(read_gmap(table, row, real), dart, other)
+    sew_faces(read_gmap(table, row, real), room, dart, other)
 
 
 @kernel
-def unsew_kernel(table, row, real, slots):
+def unsew_kernel(table, row, real, room, slots):
     """Unsew faces of a map found by its addresses."""
-    unsew_faces(read_gmap(table, row, real), slots, slots[:0])
+    unsew_faces(read_gmap(table, row, real), room, slots, slots[:0])
 
 
 @part
-def unsew_faces(gmap, slots, removed):
+def unsew_faces(gmap, room, slots, removed):
     """Unlink faces and remove tetrahedra, then settle all splits once. Slots and removed are ascending."""
+    clear(room)
     n_vertices = gmap.counts[0]
     n_edges = gmap.counts[1]
-    left_edges = forget_removed(gmap.edge_of, gmap.edge_dart, removed)
-    left_vertices = forget_removed(gmap.vertex_of, gmap.vertex_dart, removed)
-    opened = open_faces(gmap, slots, removed)
-    edges = settle_cells(gmap, EDGE, touched_edges(gmap, opened), left_edges)
-    vertices = settle_cells(gmap, VERTEX, touched_vertices(gmap, opened, edges.pairs[:, 1]), left_vertices)
+    left_edges = forget_removed(room, gmap.edge_of, gmap.edge_dart, removed)
+    left_vertices = forget_removed(room, gmap.vertex_of, gmap.vertex_dart, removed)
+    opened = open_faces(gmap, room, slots, removed)
+    edges = settle_cells(gmap, room, EDGE, touched_edges(gmap, room, opened), left_edges)
+    vertices = settle_cells(gmap, room, VERTEX, touched_vertices(gmap, room, opened, edges.pairs[:, 1]), left_vertices)
     recount_links(gmap, vertices)
     labels = opened[:0]
     if len(vertices.pairs) > 0 or len(removed) > 0:
-        labels = relabel_components(gmap, opened)
+        labels = relabel_components(gmap, room, opened)
     n_alive = 0
     for slot in opened:
         if gmap.component_of[slot >> 2] >= 0:
             opened[n_alive] = slot
             n_alive += 1
     return MapChange(
-        follow(vertices, vertices.pairs, n_vertices, compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
-        follow(edges, edges.pairs, n_edges, compact_cells(gmap, EDGE, edges.dead), n_edges),
+        follow(room, vertices, vertices.pairs, n_vertices, compact_cells(gmap, room, VERTEX, vertices.dead), n_vertices),
+        follow(room, edges, edges.pairs, n_edges, compact_cells(gmap, room, EDGE, edges.dead), n_edges),
         opened[:n_alive],
         labels,
     )
 
 
 @part
-def sew_faces(gmap, dart, other):
+def sew_faces(gmap, room, dart, other):
     """Link two free faces, then merge their cells; also return the (kept, gone) vertices, in numbers before the moves."""
+    clear(room)
     n_vertices = gmap.counts[0]
     n_edges = gmap.counts[1]
     join_components(gmap, dart // 24, other // 24)
     link_faces(gmap.image, dart, other)
-    edges = merge_cells(gmap, EDGE, dart)
-    vertices = merge_cells(gmap, VERTEX, dart)
+    edges = merge_cells(gmap, room, EDGE, dart)
+    vertices = merge_cells(gmap, room, VERTEX, dart)
     recount_links(gmap, vertices)
     change = MapChange(
-        follow(vertices, vertices.pairs[:0], 0, compact_cells(gmap, VERTEX, vertices.dead), n_vertices),
-        follow(edges, edges.pairs[:0], 0, compact_cells(gmap, EDGE, edges.dead), n_edges),
+        follow(room, vertices, vertices.pairs[:0], 0, compact_cells(gmap, room, VERTEX, vertices.dead), n_vertices),
+        follow(room, edges, edges.pairs[:0], 0, compact_cells(gmap, room, EDGE, edges.dead), n_edges),
         vertices.dead[:0],
         vertices.dead[:0],
     )
@@ -150,19 +153,19 @@ def sew_faces(gmap, dart, other):
 
 
 @part
-def follow(settled, copied, first_joined, moved, n_before):
+def follow(room, settled, copied, first_joined, moved, n_before):
     """Express what settling did in the numbers after the moves; cells from first_joined on gained corners of others."""
     final_copied = copied
     changed = settled.changed
-    is_joined = np.empty(len(changed), dtype=np.bool_)
+    is_joined = take(room, len(changed))
     for i in range(len(changed)):
         is_joined[i] = changed[i] >= first_joined
     if len(moved) > 0:
-        final_copied = np.empty_like(copied)
+        final_copied = take_pairs(room, len(copied))
         for i in range(len(copied)):
             final_copied[i, 0] = renumbered(copied[i, 0], moved)
             final_copied[i, 1] = renumbered(copied[i, 1], moved)
-        changed = np.empty_like(settled.changed)
+        changed = take(room, len(settled.changed))
         for i in range(len(changed)):
             changed[i] = renumbered(settled.changed[i], moved)
     n_old = len(moved)  # cells that were there before move before those that are new, since rows move in ascending order
