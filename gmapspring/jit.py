@@ -15,7 +15,6 @@ from functools import cache
 from typing import Any
 
 import numba
-from numba.core.dispatcher import Dispatcher
 
 _settings: Any = numba.config
 _compile: Any = numba.njit
@@ -89,7 +88,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 def part(function: Callable[..., Any]) -> Any:
     """Compile a function that only kernels call; without the way in from Python it takes half as long to compile."""
     dispatcher: Any = _compile(function, no_cpython_wrapper=True, **OPTIONS)
-    if isinstance(dispatcher, Dispatcher):
+    if not _settings.DISABLE_JIT:
 
         def refuse(*arguments: Any, **keywords: Any) -> None:
             raise TypeError(f"{function.__name__} is a part of kernels: call it from a kernel, not from Python")

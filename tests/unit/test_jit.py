@@ -6,7 +6,7 @@ import sys
 import numba
 import pytest
 
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 CALLER = """
 from gmapspring.jit import kernel
@@ -18,7 +18,7 @@ def compute(pair):
     return double(pair.first) - pair.second
 """
 CALLEE = """
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 @kernel
 def double(value):
@@ -86,3 +86,19 @@ def test_kernels_follow_ieee_arithmetic():
 
     assert quotient(1.0, 0.0) == float("inf")
     assert quotient(0.0, 0.0) != quotient(0.0, 0.0)
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
+def test_a_part_of_kernels_cannot_be_called_from_python():
+    @part
+    def double(value):
+        return 2 * value
+
+    @numba.njit
+    def quadruple(value):
+        return double(double(value))
+
+    for _ in range(2):  # before and after a kernel has had it compiled
+        with pytest.raises(TypeError, match="double is a part of kernels"):
+            double(3)
+        assert quadruple(3) == 12
