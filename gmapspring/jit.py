@@ -10,11 +10,13 @@ import ast
 import hashlib
 import os
 import pathlib
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
 import numba
+from numba.core import event
 
 _settings: Any = numba.config
 _compile: Any = numba.njit
@@ -66,6 +68,24 @@ def _cache_folder(source: pathlib.Path, root: pathlib.Path) -> str:
     return str(cache_root() / f"{source.stem}-{digest.hexdigest()[:16]}")
 
 
+class _Announcement(event.Listener):
+    """Says, once a process, that kernels are being compiled: else the first step seems to hang."""
+
+    is_made = False
+
+    def on_start(self, started: Any) -> None:
+        """Say so before the first kernel of these packages; one from the cache gives no event."""
+        if not self.is_made and started.data["dispatcher"].py_func in _kernels:
+            self.is_made = True
+            print("gmapspring: compiling kernels for this machine, once; it takes up to a minute", file=sys.stderr, flush=True)
+
+    def on_end(self, ended: Any) -> None:
+        """Say nothing."""
+
+
+_kernels: set[Callable[..., Any]] = set()
+"""The functions that are cached once compiled."""
+event.register("numba:compile", _Announcement())
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "no_cfunc_wrapper": True}
 """No interpreter lock, IEEE arithmetic, no checks of indices."""
 
@@ -80,6 +100,7 @@ def kernel(function: Callable[..., Any]) -> Any:
         # The cache folder of a function is fixed when it is decorated: other users of numba keep their own.
         _settings.CACHE_DIR = _cache_folder(source, source.parents[depth])
     try:
+        _kernels.update({function} if is_package_file else {})
         return _compile(function, cache=is_package_file, **OPTIONS)
     finally:
         _settings.CACHE_DIR = before

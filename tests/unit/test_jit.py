@@ -1,5 +1,6 @@
 """The decorator of kernels: what it compiles is cached on disk, and never used when anything it was made of has changed."""
 
+import os
 import subprocess
 import sys
 
@@ -102,3 +103,11 @@ def test_a_part_of_kernels_cannot_be_called_from_python():
         with pytest.raises(TypeError, match="double is a part of kernels"):
             double(3)
         assert quadruple(3) == 12
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
+def test_compiling_is_announced_and_using_the_cache_is_not(tmp_path):
+    program = "from gmapspring.stability import largest_eigenvalue as f; import numpy as np; f(np.eye(2)); f(np.eye(3))"
+    errors = [subprocess.run([sys.executable, "-c", program], env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, check=True,
+                             capture_output=True, text=True).stderr for _ in range(2)]  # fmt: skip
+    assert errors[0].count("compiling kernels") == 1 and errors[0].count("\n") == 1 and not errors[1]
