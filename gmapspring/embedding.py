@@ -148,12 +148,12 @@ def embed(gmap, matter, vertices, edges):
         copy_node(nodes, vertices.moved[i, 0], vertices.moved[i, 1])
     for i in range(len(edges.moved)):
         copy_spring(springs, edges.moved[i, 0], edges.moved[i, 1])
-    start = 0
+    start = np.int64(0)
     for i in range(len(edges.changed)):
         sum_spring(matter, edges.changed[i], edges.members, start, edges.ends[i])
         join_spring(gmap, springs, edges.changed[i])
         start = edges.ends[i]
-    start = 0
+    start = np.int64(0)
     for i in range(len(vertices.changed)):
         sum_node(matter, vertices.changed[i], vertices.members, start, vertices.ends[i])
         if vertices.is_joined[i]:
@@ -161,7 +161,7 @@ def embed(gmap, matter, vertices, edges):
         start = vertices.ends[i]
     for i in range(len(vertices.moved)):
         code = code_of_dart(VERTEX, np.int64(gmap.vertex_dart[vertices.moved[i, 1]]))
-        join_springs_at(gmap, springs, gmap.queue, 0, walk_vertex(gmap, code >> 2, code & 3, gmap.queue))
+        join_springs_at(gmap, springs, gmap.queue, np.int64(0), walk_vertex(gmap, code >> 2, code & 3, gmap.queue))
 
 
 @kernel

@@ -13,29 +13,24 @@ from gmapspring.spring_kernel import add_spring_forces
 @part
 def sum_forces(nodes, springs, n_nodes, n_springs, state, force):
     """Set force (capacity, 4) [N] to all that pushes on the nodes in a state (capacity, 8)."""
-    start_forces(nodes, n_nodes, force)
-    add_viscous_forces(nodes, n_nodes, state, force)
+    start_forces(nodes, n_nodes, state, force)
     add_spring_forces(springs, n_springs, state, force)
 
 
 @part
-def start_forces(nodes, n_nodes, force):
-    """Set forces to the constant ones, weight and loads, or to zero where the scene names neither."""
-    external = nodes.external
-    zero = force.dtype.type(0)
-    if external.shape[0] > 0:
+def start_forces(nodes, n_nodes, state, force):
+    """Set forces to what acts on nodes by themselves: weight and loads, less viscosity * velocity, where the scene names them."""
+    external, viscosity = nodes.external, nodes.viscosity
+    number = force.dtype.type
+    has_external = external.shape[0] > 0
+    if viscosity.shape[0] > 0:
+        for i in range(n_nodes):
+            drag = viscosity[i] * load(state, i, 4)
+            store(force, i, 0, load(external, i, 0) - drag if has_external else number(-1) * drag)
+    elif has_external:
         for i in range(n_nodes):
             store(force, i, 0, load(external, i, 0))
     else:
         for i in range(n_nodes):
             for axis in range(4):
-                force[i, axis] = zero
-
-
-@part
-def add_viscous_forces(nodes, n_nodes, state, force):
-    """Add -viscosity * velocity to each node, where the scene names viscosity."""
-    viscosity = nodes.viscosity
-    if viscosity.shape[0] > 0:
-        for i in range(n_nodes):
-            store(force, i, 0, load(force, i, 0) - viscosity[i] * load(state, i, 4))
+                force[i, axis] = number(0)

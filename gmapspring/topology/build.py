@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gmapspring.addresses import address_row, struct_reader
 from gmapspring.jit import kernel, part
 from gmapspring.topology.cells import recount_link
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS
@@ -39,8 +40,14 @@ def build_gmap(tetrahedra: np.ndarray, n_points: int) -> GMap:
     gmap = empty_gmap(len(tetrahedra))
     corners = np.ascontiguousarray(tetrahedra, dtype=np.int64)
     glue_faces(gmap.image, corners, n_points)
-    number_cells(gmap, corners, n_points)
+    number_cells(address_row(gmap)[None], 0, ANY, corners, n_points)
     return gmap
+
+
+read_gmap = struct_reader(lambda dtype: empty_gmap(0))
+"""read_gmap(table, row, real) -> GMap, for kernels; see addresses.py."""
+ANY = np.float64(0)
+"""A map holds whole numbers: it is read in whatever precision."""
 
 
 @kernel
@@ -90,8 +97,9 @@ def glue_if_same(image, corners, slot, other):
 
 
 @kernel
-def number_cells(gmap, corners, n_points):
+def number_cells(table, row, real, corners, n_points):
     """Number vertices, edges and components and count the links, from the gluings alone."""
+    gmap = read_gmap(table, row, real)
     gmap.vertex_dart[:n_points] = NO_DART
     gmap.counts[N_VERTICES] = n_points
     gmap.counts[N_TETRAHEDRA] = len(corners)
@@ -131,7 +139,7 @@ def number_vertex(gmap, code, point):
     n_members = walk_vertex(gmap, code >> 2, code & 3, gmap.queue)
     for member in gmap.queue[:n_members]:
         gmap.vertex_of[member >> 2, member & 3] = number
-    recount_link(gmap, number, gmap.queue, 0, n_members)
+    recount_link(gmap, number, gmap.queue, np.int64(0), n_members)
 
 
 @part

@@ -50,7 +50,7 @@ class Settled(NamedTuple):
 def open_faces(gmap, room, slots, removed):
     """Unlink faces and whole tetrahedra; return the slots that became free, the two sides of a face one after the other."""
     opened = take(room, 2 * len(slots) + 8 * len(removed))
-    n_opened = 0
+    n_opened = np.int64(0)
     for slot in slots:
         if neighbour(gmap.image, slot >> 2, slot & 3) != slot:
             opened[n_opened] = slot
@@ -73,7 +73,7 @@ def forget_removed(room, cell_of, dart_of, removed):
     """Take removed tetrahedra out of their cells, mark those cells as touched, and return their numbers."""
     per = cell_of.shape[1]
     left = take(room, per * len(removed))
-    n_left = 0
+    n_left = np.int64(0)
     for tetrahedron in removed:
         for local in range(per):
             cell = cell_of[tetrahedron, local]
@@ -89,7 +89,7 @@ def forget_removed(room, cell_of, dart_of, removed):
 def touched_edges(gmap, room, opened):
     """Mark the edges of freed faces as touched; return the codes 6*tetrahedron + edge of live tetrahedra."""
     codes = take(room, 3 * len(opened))
-    n_codes = 0
+    n_codes = np.int64(0)
     for slot in opened:
         tetrahedron = slot >> 2
         if gmap.component_of[tetrahedron] < 0:
@@ -113,7 +113,7 @@ def touched_vertices(gmap, room, opened, new_edges):
         for corner in EDGE_CORNERS[code % 6]:
             gmap.vertex_dart[gmap.vertex_of[code // 6, corner]] = NO_DART
     codes = take(room, 3 * len(opened))
-    n_codes = 0
+    n_codes = np.int64(0)
     for i in range(len(opened)):
         tetrahedron = opened[i] >> 2
         if gmap.component_of[tetrahedron] < 0:
@@ -137,8 +137,8 @@ def settle_cells(gmap, room, dimension, codes, left):
     changed = take(room, len(codes))
     ends = take(room, len(codes))
     members = take(room, 16 * len(codes))
-    n_pieces = 0
-    n_members = 0
+    n_pieces = np.int64(0)
+    n_members = np.int64(0)
     for code in codes:
         cell = np.int64(cell_of[code])
         if cell < -1:
@@ -155,8 +155,8 @@ def settle_cells(gmap, room, dimension, codes, left):
         ends[n_pieces] = n_members
         n_pieces += 1
     new = take_pairs(room, n_pieces)
-    n_new = 0
-    start = 0
+    n_new = np.int64(0)
+    start = np.int64(0)
     for piece in range(n_pieces):
         cell = changed[piece]
         first = lowest_dart(dimension, np.int64(members[start]))
@@ -187,7 +187,7 @@ def longer(room, members, n_members, n_more):
 def dead_cells(room, dart_of, left):
     """Return those of the cells that have no dart, ascending."""
     dead = take(room, len(left))
-    n_dead = 0
+    n_dead = np.int64(0)
     for cell in left:
         if dart_of[cell] == NO_DART:
             dead[n_dead] = cell
@@ -227,7 +227,7 @@ def recount_link(gmap, vertex, members, start, stop):
 @part
 def recount_links(gmap, settled):
     """Count what is around each vertex that has changed."""
-    start = 0
+    start = np.int64(0)
     for piece in range(len(settled.changed)):
         recount_link(gmap, settled.changed[piece], settled.members, start, settled.ends[piece])
         start = settled.ends[piece]
@@ -239,7 +239,7 @@ def compact_cells(gmap, room, dimension, dead):
     dart_of = gmap.vertex_dart if dimension == VERTEX else gmap.edge_dart
     n_kept = gmap.counts[dimension] - len(dead)
     moved = take_pairs(room, len(dead))
-    n_moved = 0
+    n_moved = np.int64(0)
     for cell in range(n_kept, gmap.counts[dimension]):
         if dart_of[cell] == NO_DART:
             continue
@@ -268,8 +268,8 @@ def merge_cells(gmap, room, dimension, dart):
     changed = take(room, 3)
     ends = take(room, 3)
     members = take(room, 48)
-    n_merged = 0
-    n_members = 0
+    n_merged = np.int64(0)
+    n_members = np.int64(0)
     for side in range(3):
         here = dart // 6 * 6 + 2 * side
         code = code_of_dart(dimension, here)

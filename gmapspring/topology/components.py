@@ -12,7 +12,7 @@ from gmapspring.topology.walks import sort, walk_component, walk_smaller_side
 def seeds_of_pieces(gmap, room, opened):
     """Pick live tetrahedra beside freed faces, one from each set that hangs together by shared vertices."""
     seeds = take(room, len(opened))
-    n_seeds = 0
+    n_seeds = np.int64(0)
     for slot in opened:
         if gmap.component_of[slot >> 2] >= 0:
             seeds[n_seeds] = slot >> 2
@@ -28,7 +28,7 @@ def seeds_of_pieces(gmap, room, opened):
     for j in range(1, len(keys)):
         if keys[j] // n_seeds == keys[j - 1] // n_seeds:
             unite(group, keys[j] % n_seeds, keys[j - 1] % n_seeds)
-    n_sets = 0
+    n_sets = np.int64(0)
     for i in range(n_seeds):
         if group[i] == i:
             seeds[n_sets] = seeds[i]
@@ -70,7 +70,7 @@ def relabel_components(gmap, room, opened):
         keys[i] = gmap.component_of[seeds[i]] * n_seeds + i
     sort(keys)
     labels = take(room, n_seeds)
-    n_labels = 0
+    n_labels = np.int64(0)
     reference = np.int64(-1)
     reference_label = np.int64(-1)
     for key in keys:
@@ -98,7 +98,7 @@ def relabel_all(gmap, room):
     is_taken = np.zeros(gmap.counts[N_LABELS], dtype=np.bool_)
     is_found = np.zeros(len(gmap.component_of), dtype=np.bool_)
     labels = take(room, len(gmap.component_of))
-    n_labels = 0
+    n_labels = np.int64(0)
     for seed in range(len(gmap.component_of)):
         if gmap.component_of[seed] < 0 or is_found[seed]:
             continue

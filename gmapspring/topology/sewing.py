@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gmapspring.addresses import address_row, struct_reader
+from gmapspring.addresses import address_row
 from gmapspring.errors import TopologyError
 from gmapspring.jit import kernel, part
-from gmapspring.topology.build import empty_gmap
+from gmapspring.topology.build import ANY, read_gmap
 from gmapspring.topology.cells import (
     compact_cells,
     forget_removed,
@@ -22,11 +22,6 @@ from gmapspring.topology.components import join_components, relabel_components
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS, IS_EVEN
 from gmapspring.topology.gmap import EDGE, VERTEX, GMap, check_sewable, link_faces
 from gmapspring.topology.room import clear, empty_room, take, take_pairs
-
-read_gmap = struct_reader(lambda dtype: empty_gmap(0))
-"""read_gmap(table, row, real) -> GMap, for kernels; see addresses.py."""
-ANY = np.float64(0)
-"""A map holds whole numbers: it is read in whatever precision."""
 
 
 class CellChanges(NamedTuple):
@@ -119,7 +114,7 @@ def unsew_faces(gmap, room, slots, removed):
     labels = opened[:0]
     if len(vertices.pairs) > 0 or len(removed) > 0:
         labels = relabel_components(gmap, room, opened)
-    n_alive = 0
+    n_alive = np.int64(0)
     for slot in opened:
         if gmap.component_of[slot >> 2] >= 0:
             opened[n_alive] = slot
