@@ -1,4 +1,4 @@
-"""The one decorator for compiled functions, with a cache on disk that cannot go stale.
+"""The decorators of compiled functions, with a cache on disk that cannot go stale.
 
 numba stamps a cached function with the date of its own file, so a change in a function that it calls from another file
 goes unseen. Here the cache folder of a kernel is named by a hash of its own file, of every file of these packages that it
@@ -118,3 +118,8 @@ def part(function: Callable[..., Any]) -> Any:
         dispatcher._compile_for_args = refuse
         dispatcher.add_overload = lambda result: dispatcher.overloads.update({tuple(result.signature.args): result})
     return dispatcher
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a function into the one place, or the few, that call it: for large parts, which would be optimised once more."""
+    return _compile(function, inline="always", **OPTIONS)
