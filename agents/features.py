@@ -6,6 +6,7 @@ side shows), so a candidate reads the same however the mesh is numbered. The gat
 it would cost as much as the network.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +44,30 @@ class Observed(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """The legal actions of a batch of observations, padded to the longest row."""
+    """The legal actions of some states, one state after the other; of a state without any, action 0 and no features."""
 
-    n_legal: Array
-    """Legal actions per row, int64, shape (batch,)."""
+    offset: Array
+    """Where each state's begin, and where the last one's end, int64, shape (n_states + 1,)."""
     action: Array
-    """Action id, int64, shape (batch, n_candidates); where padded, the row's first again, or 0."""
+    """Action id, int32, shape (n_candidates,), ascending for each state."""
     features: Array
-    """float32, shape (batch, n_candidates, N_FEATURES); where padded, those of the row's first, or 0."""
+    """float32, shape (n_candidates, N_FEATURES)."""
+    of_state: Array
+    """Globals of the states, float32, shape (n_states, n_globals)."""
+
+    def split(self) -> "list[Candidates]":
+        """Return each state alone, as views."""
+        ends, parts = self.offset.tolist(), []
+        for state, (first, last) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            own = self.action[first:last], self.features[first:last], self.of_state[state : state + 1]
+            parts.append(Candidates(np.array([0, last - first]), *own))
+        return parts
+
+
+def join(states: Sequence[Candidates]) -> Candidates:
+    """Return single states as one batch."""
+    _, action, features, of_state = map(np.concatenate, zip(*states, strict=True))
+    return Candidates(np.append(0, np.cumsum([len(state.action) for state in states])), action, features, of_state)
 
 
 # Columns of the observation, as numbers: a kernel that looked them up would keep old ones in its cache. A test compares.
@@ -59,105 +76,119 @@ AREA, CENTROID = 1, 2
 ATTACHED, IS_TARGET = 1, 2
 LOAD_DIRECTION = 0
 _COPIED = 8
+_QUARTER = np.float32(0.25)
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
 _TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS = _COPIED, _COPIED + 1, _COPIED + 2
 
 
 def gather_candidates(observed: Observed, mask: Array) -> Candidates:
-    """Gather the features of every legal action; mask: (batch, n_actions), non-zero where legal."""
+    """Gather the features of every legal action, and copy the globals: the environments may overwrite what they showed.
+
+    Args:
+        observed: what is seen.
+        mask: shape (batch, n_actions), non-zero where legal.
+    """
     is_legal = mask.astype(np.bool_, copy=False)
-    n_legal = np.count_nonzero(is_legal, axis=1)
-    width = max(int(n_legal.max()), 1)
-    action = np.zeros((len(mask), width), np.int64)
-    features = np.zeros((len(mask), width, N_FEATURES), np.float32)
-    _gather(observed, is_legal, action, features)
-    return Candidates(n_legal, action, features)
+    offset = np.zeros(len(mask) + 1, np.int64)
+    # A state without a legal action has a candidate all the same: a mean of nothing would be no number.
+    np.cumsum(np.maximum(np.count_nonzero(is_legal, axis=1), 1), out=offset[1:])
+    action, features = np.empty(offset[-1], np.int32), np.empty((offset[-1], N_FEATURES), np.float32)
+    _gather(observed, is_legal, offset, action, features)
+    return Candidates(offset, action, features, observed.globals.copy())
 
 
 @kernel
-def _gather(observed, is_legal, action, features):
-    """Fill action and features, row by row."""
+def _gather(observed, is_legal, offset, action, features):
+    """Fill action and features, one observation after the other."""
     n_tets, n_faces = observed.tetrahedra.shape[1], observed.faces.shape[1]
     sides = np.empty((n_tets, N_SIDE), np.float32)
     centres = np.empty((n_tets, 3), np.float32)
     middle = np.empty(3, np.float32)
     for row in range(is_legal.shape[0]):
         _fill_sides(observed, row, sides, centres, middle)
-        place = 0
+        faces, face_tetrahedra, load = observed.faces[row], observed.face_tetrahedra[row], observed.globals[row]
+        place = offset[row]
         for candidate in range(is_legal.shape[1]):
             if not is_legal[row, candidate]:
                 continue
-            action[row, place] = candidate
-            one = two = candidate - n_faces
+            action[place] = candidate
+            own = features[place]
             if candidate < n_faces:
-                one = int(observed.face_tetrahedra[row, candidate, 0])
-                two = int(observed.face_tetrahedra[row, candidate, 1])
-                features[row, place, 0] = 1.0
-                features[row, place, 1] = observed.faces[row, candidate, AREA]
-            _relate(features, row, place, sides, one, two)
-            square, along = np.float32(0.0), np.float32(0.0)
-            for axis in range(3):
-                offset = centres[one, axis]
-                if candidate < n_faces:
-                    offset = observed.faces[row, candidate, CENTROID + axis]
-                offset = (offset - middle[axis]) * np.float32(OFFSET_SCALE)
-                features[row, place, 6 + axis] = offset
-                square += offset * offset
-                along += offset * observed.globals[row, LOAD_DIRECTION + axis]
-            features[row, place, 9] = np.sqrt(square)
-            features[row, place, 10] = along
+                one, two = int(face_tetrahedra[candidate, 0]), int(face_tetrahedra[candidate, 1])
+                _relate(own, sides, one, two)
+                own[0], own[1] = 1.0, faces[candidate, AREA]
+                _locate(own, faces[candidate, CENTROID:], middle, load)
+            else:
+                one = candidate - n_faces
+                _relate(own, sides, one, one)
+                own[0], own[1] = 0.0, 0.0
+                _locate(own, centres[one], middle, load)
             place += 1
-        for padded in range(place, action.shape[1]):
-            action[row, padded] = action[row, 0]
-            for column in range(N_FEATURES):
-                features[row, padded, column] = features[row, 0, column]
+        if place == offset[row]:
+            action[place], features[place] = 0, 0.0
+
+
+@kernel
+def _locate(own, centre, middle, load):
+    """Write where a candidate lies, seen from the middle of the target."""
+    square, along = np.float32(0.0), np.float32(0.0)
+    for axis in range(3):
+        offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
+        own[6 + axis] = offset
+        square += offset * offset
+        along += offset * load[LOAD_DIRECTION + axis]
+    own[9], own[10] = np.sqrt(square), along
 
 
 @kernel
 def _fill_sides(observed, row, sides, centres, middle):
     """Fill what every tetrahedron shows as a side, its rest centroid [h], and the centre of the live target [h]."""
+    tetrahedra, neighbours = observed.tetrahedra[row], observed.tetrahedron_neighbours[row]
     middle[:] = 0.0
     n_target = 0
-    quarter = np.float32(0.25)
     for tet in range(sides.shape[0]):
-        sides[tet, _COPIED:] = 0.0
-        centres[tet] = 0.0
+        side, centre = sides[tet], centres[tet]
+        side[_COPIED:] = 0.0
+        centre[:] = 0.0
         for column in range(_COPIED):
-            sides[tet, column] = observed.tetrahedra[row, tet, IS_TARGET + column]
-        if observed.tetrahedra[row, tet, ATTACHED] == 0.0:
+            side[column] = tetrahedra[tet, IS_TARGET + column]
+        if tetrahedra[tet, ATTACHED] == 0.0:
             continue
         for corner in range(4):
-            neighbour = int(observed.tetrahedron_neighbours[row, tet, corner])
+            neighbour = int(neighbours[tet, corner])
             if neighbour >= 0:
-                is_target = observed.tetrahedra[row, neighbour, IS_TARGET] > 0.0
-                sides[tet, _TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += quarter
-            node = int(observed.tetrahedron_nodes[row, tet, corner])
-            sides[tet, _MASS] += quarter * observed.nodes[row, node, NODE_MASS]
-            for axis in range(3):
-                moved = observed.nodes[row, node, DISPLACEMENT + axis]
-                centres[tet, axis] += quarter * (observed.nodes[row, node, POSITION + axis] - moved)
-        if sides[tet, _TARGET] > 0.0:
+                is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
+                side[_TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += _QUARTER
+            _add_node(observed.nodes[row], int(observed.tetrahedron_nodes[row, tet, corner]), side, centre)
+        if side[_TARGET] > 0.0:
             n_target += 1
             for axis in range(3):
-                middle[axis] += centres[tet, axis]
+                middle[axis] += centre[axis]
     middle /= np.float32(max(n_target, 1))
 
 
 @kernel
-def _relate(features, row, place, sides, one, two):
+def _add_node(nodes, node, side, centre):
+    """Add a corner's share of mass and of the rest centroid."""
+    side[_MASS] += _QUARTER * nodes[node, NODE_MASS]
+    for axis in range(3):
+        centre[axis] += _QUARTER * (nodes[node, POSITION + axis] - nodes[node, DISPLACEMENT + axis])
+
+
+@kernel
+def _relate(own, sides, one, two):
     """Write both sides, the higher row first, and what follows from the two together."""
-    for column in range(N_SIDE):
+    for column in range(N_SIDE if one != two else 0):
         rise = sides[two, column] - sides[one, column]
         if rise > 0.0:
             one, two = two, one
         if rise != 0.0:
             break
     for column in range(N_SIDE):
-        features[row, place, N_OWN + column] = sides[one, column]
-        features[row, place, N_OWN + N_SIDE + column] = sides[two, column]
+        own[N_OWN + column] = sides[one, column]
+        own[N_OWN + N_SIDE + column] = sides[two, column]
     first, second = sides[one, _TARGET], sides[two, _TARGET]
-    features[row, place, 2] = first * second
-    features[row, place, 3] = abs(first - second)
-    features[row, place, 4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
-    healthy = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))
-    features[row, place, 5] = healthy
+    own[2] = first * second
+    own[3] = abs(first - second)
+    own[4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
+    own[5] = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from sb3_contrib import MaskablePPO
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
@@ -20,6 +19,7 @@ from agents.candidate_policy import CandidatePolicy
 from agents.checkpoint import Page, observation_columns, restore_model, save_checkpoint
 from agents.evaluation import Summary, evaluate, summarise
 from agents.interruption import Interruption
+from agents.learner import CandidatePPO
 from agents.progress import ProgressReport
 from agents.run_folder import RunFolder
 from agents.training_config import TrainingConfig
@@ -52,10 +52,10 @@ class TrainingResult(NamedTuple):
     """What interrupted the run, None where it ran to its end."""
 
 
-def make_model(config: TrainingConfig, environments: VecEnv) -> MaskablePPO:
+def make_model(config: TrainingConfig, environments: VecEnv) -> CandidatePPO:
     """Return an untrained model."""
     settings = config.ppo
-    return MaskablePPO(
+    return CandidatePPO(
         CandidatePolicy,
         environments,
         n_steps=settings.n_steps,

@@ -1,13 +1,13 @@
-"""The environment as training sees it: less of it, shaped, several side by side."""
+"""The environments as training sees them: less of them, shaped, several side by side."""
 
+import time
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
 
 from agents.candidate_policy import OBSERVATION_KEYS
 from agents.features import AREA, IS_TARGET
@@ -16,12 +16,11 @@ from envs.library import load_scenes
 from envs.resect import ResectEnv
 from envs.scene import Scene
 
-ENDING = ("is_success", "episode")
-"""What the learner's statistics need of an episode's last info."""
+Array = np.ndarray[Any, Any]
 
 
-class TrainingView(gym.Wrapper[Any, Any, Any, Any]):
-    """Show only what the policy reads, and of the info only how an episode ends: the rest is copied for nothing.
+class TrainingView(VecEnvWrapper):
+    """Show only what the policy reads, and of the info only how an episode ended.
 
     The reward is shaped by a potential, minus the part of the interface that is still sewn, so that every cut which
     gets on is rewarded at once (Ng, Harada and Russell, 1999: that changes no optimal policy).
@@ -29,53 +28,96 @@ class TrainingView(gym.Wrapper[Any, Any, Any, Any]):
     An episode that overruns its budget counts as over, because its return is: nothing lies behind it to be valued.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], shaping: float, gamma: float) -> None:
-        """Wrap a Resect-v0; shaping: weight of the potential, discounted by gamma."""
-        super().__init__(env)
-        shown: Any = env.observation_space
-        self.observation_space = gym.spaces.Dict({key: shown[key] for key in OBSERVATION_KEYS})
+    def __init__(self, environments: VecEnv, shaping: float, gamma: float) -> None:
+        """Wrap environments that begin anew by themselves; shaping: weight of the potential, discounted by gamma."""
+        shown: Any = environments.observation_space
+        super().__init__(environments, gym.spaces.Dict({key: shown[key] for key in OBSERVATION_KEYS}))
         self._shaping, self._gamma = shaping, gamma
-        self._start_area = self._potential = 0.0
+        self._interface = np.zeros((self.num_envs, len(shown["faces"].low)), np.float32)
+        self._start_area, self._potential = np.ones(self.num_envs), np.zeros(self.num_envs)
+        self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
+        self._started = time.perf_counter()
 
-    def reset(self, **arguments: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Start an episode."""
-        observation, _ = self.env.reset(**arguments)
-        self._start_area = interface_area(observation)
-        self._potential = -self._shaping
-        return self._shown(observation), {}
+    def reset(self) -> dict[str, Array]:
+        """Start an episode everywhere."""
+        observation: Any = self.venv.reset()
+        self._begin(observation, np.arange(self.num_envs))
+        return _shown(observation)
 
-    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Act."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        has_ended = terminated or truncated
+    def step_wait(self) -> tuple[dict[str, Array], Array, Array, list[dict[str, Any]]]:
+        """Act everywhere; where an episode ends, what is seen is the next one's beginning."""
+        observation: Any
+        observation, rewards, dones, infos = self.venv.step_wait()
+        self._return += rewards
+        self._length += 1
         # The potential of an ended episode is 0: then shaping changes the return of no policy more than of another.
-        before, self._potential = self._potential, 0.0
-        if not has_ended:
-            self._potential = -self._shaping * interface_area(observation) / self._start_area
-        shaped = float(reward) + self._gamma * self._potential - before
-        ending: dict[str, Any] = {key: info[key] for key in ENDING if key in info} if has_ended else {}
-        return self._shown(observation), shaped, has_ended, False, ending
+        before = self._potential
+        self._potential = -self._shaping * self._sewn(observation) / self._start_area
+        shaped = rewards + self._gamma * np.where(dones, 0.0, self._potential) - before
+        endings: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = np.flatnonzero(dones)
+        for row in map(int, ended):
+            endings[row] = self._ending(row, infos[row])
+        self._begin(observation, ended)
+        return _shown(observation), shaped.astype(np.float32), dones, endings
 
-    def _shown(self, observation: dict[str, Any]) -> dict[str, Any]:
-        return {key: observation[key] for key in OBSERVATION_KEYS}
+    def _begin(self, observation: dict[str, Array], rows: Array) -> None:
+        """Start counting anew in some rows."""
+        if not len(rows):
+            return
+        self._interface[rows] = is_interface({key: observation[key][rows] for key in ("face_tetrahedra", "tetrahedra")})
+        self._start_area[rows] = self._sewn(observation)[rows]
+        self._potential[rows] = -self._shaping
+        self._return[rows], self._length[rows] = 0.0, 0
+
+    def _sewn(self, observation: dict[str, Array]) -> Array:
+        """Return the area of the sewn faces between target and healthy tissue, over h^2: a face that is cut has none."""
+        return np.einsum("ij,ij->i", observation["faces"][:, :, AREA], self._interface, dtype=np.float64)
+
+    def _ending(self, row: int, info: dict[str, Any]) -> dict[str, Any]:
+        """Return what the learner's statistics and stable-baselines3 need of an episode's end."""
+        seconds = round(time.perf_counter() - self._started, 6)
+        episode = {"r": float(self._return[row]), "l": int(self._length[row]), "t": seconds}
+        return {"is_success": info["is_success"], "episode": episode, "TimeLimit.truncated": False}
 
 
-def interface_area(observation: dict[str, Any]) -> float:
-    """Return the area of the sewn faces between target and healthy tissue, over h^2."""
+def _shown(observation: dict[str, Array]) -> dict[str, Array]:
+    return {key: observation[key] for key in OBSERVATION_KEYS}
+
+
+def is_interface(observation: dict[str, Array]) -> Array:
+    """Tell which faces lie between target and healthy tissue, both alive, in one observation or a batch."""
     sides = observation["face_tetrahedra"].astype(np.intp)
-    is_target = observation["tetrahedra"][:, IS_TARGET][sides]
-    return float(observation["faces"][:, AREA] @ np.abs(is_target[:, 0] - is_target[:, 1]))
+    is_target = observation["tetrahedra"][..., IS_TARGET] > 0.0
+    one, other = (np.take_along_axis(is_target, sides[..., side], axis=-1) for side in range(2))
+    found: Array = one != other
+    return found
 
 
-def make_environments(config: TrainingConfig) -> DummyVecEnv:
+def interface_area(observation: dict[str, Array]) -> Array:
+    """Return the area of the sewn faces between target and healthy tissue, over h^2, in one observation or a batch."""
+    area: Array = (observation["faces"][..., AREA] * is_interface(observation)).sum(axis=-1)
+    return area
+
+
+def make_environments(config: TrainingConfig) -> VecEnv:
     """Return the training environments, side by side in this process.
 
     They deal the scenes out among themselves, for each settles every body that it plays for the first time.
     """
     scenes, count = load_scenes(config.scene, "train"), config.ppo.n_envs
     hands = [scenes[number % len(scenes) :: count] for number in range(count)]
-    return DummyVecEnv([partial(_make_training_environment, hand, config) for hand in hands])
+    environments = DummyVecEnv([partial(_Shown, hand, config.mask) for hand in hands])
+    return TrainingView(environments, config.ppo.shaping, config.ppo.gamma)
 
 
-def _make_training_environment(scenes: Sequence[Scene], config: TrainingConfig) -> TrainingView:
-    return TrainingView(Monitor(ResectEnv(scenes, mask=config.mask)), config.ppo.shaping, config.ppo.gamma)
+class _Shown(gym.ObservationWrapper[Any, Any, Any]):
+    """Show only what the policy reads: `DummyVecEnv` copies all that it is shown."""
+
+    def __init__(self, scenes: Sequence[Scene], mask: str) -> None:
+        super().__init__(ResectEnv(scenes, mask=mask))
+        shown: Any = self.env.observation_space
+        self.observation_space = gym.spaces.Dict({key: shown[key] for key in OBSERVATION_KEYS})
+
+    def observation(self, observation: dict[str, Array]) -> dict[str, Array]:
+        return _shown(observation)

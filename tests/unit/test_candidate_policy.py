@@ -6,8 +6,10 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from agents import features  # noqa: E402
-from agents.candidate_policy import CandidatePolicy  # noqa: E402
-from agents.features import N_FEATURES, OWN_FEATURES, SIDE_FEATURES, Observed, gather_candidates  # noqa: E402
+from agents.candidate_network import CandidateNetwork  # noqa: E402
+from agents.candidate_policy import CandidatePolicy, _drawn  # noqa: E402
+from agents.features import N_FEATURES, OWN_FEATURES, SIDE_FEATURES, Observed, gather_candidates, join  # noqa: E402
+from agents.segments import highest, log_softmax, segments, spread, total  # noqa: E402
 from envs.observation import COLUMNS  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
 from tests.small_scene import small_scene  # noqa: E402
@@ -119,20 +121,47 @@ def test_what_the_policy_does_not_read_may_be_absent(env, policy):
     assert policy.predict(reduced, deterministic=True)[0] == policy.predict(observation, deterministic=True)[0]
 
 
-def test_a_state_without_a_legal_action_has_a_finite_value(env, policy):
-    observation = states(env)[0]
-    observation["action_mask"] = np.zeros_like(observation["action_mask"])
-    batch = {key: torch.as_tensor(array)[None] for key, array in observation.items()}
-    assert torch.isfinite(policy.predict_values(batch)).all()
+def test_a_state_without_a_legal_action_has_a_finite_value_and_leaves_the_others_alone(env, policy):
+    found = states(env)
+    batch = {key: torch.as_tensor(np.stack([observation[key] for observation in found])) for key in found[0]}
+    before = policy.predict_values(batch)
+    batch["action_mask"][1] = 0
+    after = policy.predict_values(batch)
+    assert torch.isfinite(after).all()
+    others = [0, *range(2, len(found))]
+    torch.testing.assert_close(before[others], after[others])
+    assert policy(batch)[0][1] == 0
 
 
 def test_features_are_what_a_slow_loop_finds(env):
     observation = states(env)[-1]
     observed = Observed(*(observation[name][None] for name in Observed._fields))
     candidates = gather_candidates(observed, observation["action_mask"][None])
-    assert candidates.n_legal[0] == observation["action_mask"].sum()
-    for action, row in zip(candidates.action[0], candidates.features[0], strict=True):
+    assert candidates.offset.tolist() == [0, observation["action_mask"].sum()]
+    for action, row in zip(candidates.action, candidates.features, strict=True):
         np.testing.assert_allclose(row, slow_features(observation, action), atol=1e-5)
+
+
+def test_a_batch_is_gathered_as_its_observations_are(env):
+    found = states(env, n_cuts=5)
+    observed = Observed(*(np.stack([observation[name] for observation in found]) for name in Observed._fields))
+    mask = np.stack([observation["action_mask"] for observation in found])
+    together = gather_candidates(observed, mask)
+    for number, first in enumerate(together.offset[:-1]):
+        alone = gather_candidates(Observed(*(part[number : number + 1] for part in observed)), mask[number : number + 1])
+        own = slice(first, together.offset[number + 1])
+        np.testing.assert_array_equal(together.action[own], np.flatnonzero(mask[number]))
+        np.testing.assert_array_equal(together.features[own], alone.features)
+
+
+def test_candidates_that_are_taken_apart_and_joined_are_the_same(env):
+    found = states(env, n_cuts=5)
+    observed = Observed(*(np.stack([observation[name] for observation in found]) for name in Observed._fields))
+    candidates = gather_candidates(observed, np.stack([observation["action_mask"] for observation in found]))
+    parts = candidates.split()
+    assert [len(part.action) for part in parts] == np.diff(candidates.offset).tolist()
+    for one, other in zip(join(parts), candidates, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def slow_features(observation, action):
@@ -214,3 +243,92 @@ def test_the_numbers_of_columns_are_those_of_the_observation():
 
 def test_nothing_that_the_optimum_is_made_of_is_read():
     assert not {"cost_ratio", "optimum"} & {item.name for item in COLUMNS["globals"]}
+
+
+# Segments ---------------------------------------------------------------------------------------------------------
+
+COUNTS = [3, 1, 40, 7]
+"""Rows of some states."""
+
+
+def ragged():
+    """Return the segments of some states, and which rows they are."""
+    offset = np.append(0, np.cumsum(COUNTS))
+    return segments(offset), [slice(first, last) for first, last in zip(offset[:-1], offset[1:], strict=True)]
+
+
+def slow_spread(states, own):
+    """Return each state's numbers once for each of its rows."""
+    return torch.cat([states[i].expand(rows.stop - rows.start, *states.shape[1:]) for i, rows in enumerate(own)])
+
+
+# Functions of numbers and segments, the same of numbers and slices, and the shape of the numbers.
+TWINS = {
+    "total": (total, lambda rows, own: torch.stack([rows[part].sum(0) for part in own]), (sum(COUNTS), 5)),
+    "total of one lane": (total, lambda rows, own: torch.stack([rows[part].sum() for part in own]), (sum(COUNTS),)),
+    "spread": (spread, slow_spread, (len(COUNTS), 5)),
+    "spread of one lane": (spread, slow_spread, (len(COUNTS),)),
+    "maximum": (
+        lambda rows, of: rows.gather(0, highest(rows, of)),
+        lambda rows, own: torch.stack([rows[part].amax(0) for part in own]),
+        (sum(COUNTS), 5),
+    ),
+    "log_softmax": (
+        lambda rows, of: log_softmax(60.0 * rows, of),
+        lambda rows, own: torch.cat([(60.0 * rows[part]).log_softmax(0) for part in own]),
+        (sum(COUNTS),),
+    ),
+}
+
+
+@pytest.mark.parametrize(("fast", "slow", "shape"), TWINS.values(), ids=TWINS)
+def test_what_is_done_to_segments_has_the_value_and_the_slope_of_a_loop(fast, slow, shape, rng):
+    of, own = ragged()
+    numbers = [torch.tensor(rng.normal(size=shape), dtype=torch.float32, requires_grad=True) for _ in range(2)]
+    numbers[1].data.copy_(numbers[0].data)
+    found, expected = fast(numbers[0], of), slow(numbers[1], own)
+    weight = torch.tensor(rng.normal(size=tuple(expected.shape)), dtype=torch.float32)
+    for result in (found, expected):
+        (weight * result).sum().backward()
+    # Sums of 40 numbers of size 1, or logits of size 200, in float32.
+    torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-5)
+    torch.testing.assert_close(numbers[0].grad, numbers[1].grad, atol=1e-3, rtol=1e-4)
+
+
+def slow_forward(network, features, of_state):
+    """Return the log-probabilities of one state's candidates, and its value, layer by layer as the module draws it."""
+    encoded = network.encoder(features)
+    context = network.context(torch.cat([encoded.mean(0), encoded.amax(0), of_state]))
+    joined = network.from_candidate(encoded) + network.from_context(context)
+    return network.logit(joined.relu())[:, 0].log_softmax(0), network.value(network.value_encoder(context))[0]
+
+
+def test_the_network_has_the_values_and_the_slopes_of_one_state_after_the_other(rng):
+    of, own = ragged()
+    torch.manual_seed(0)
+    network = CandidateNetwork(6, 16)
+    torch.nn.init.normal_(network.logit.weight)
+    features = torch.tensor(rng.normal(size=(sum(COUNTS), N_FEATURES)), dtype=torch.float32)
+    of_state = torch.tensor(rng.normal(size=(len(COUNTS), 6)), dtype=torch.float32)
+    weight = torch.tensor(rng.normal(size=sum(COUNTS)), dtype=torch.float32)
+    parts = [slow_forward(network, features[rows], of_state[i]) for i, rows in enumerate(own)]
+    expected = torch.cat([logs for logs, _ in parts]), torch.stack([value for _, value in parts])
+    found = network(features, of, of_state)
+    slopes = []
+    for logs, value in (expected, found):
+        network.zero_grad()
+        ((weight * logs).sum() + (value**2).sum()).backward()
+        slopes.append([parameter.grad.clone() for parameter in network.parameters()])
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(slopes[1], slopes[0], atol=1e-4, rtol=1e-3)
+
+
+def test_rows_are_drawn_as_often_as_they_are_likely():
+    probability = torch.tensor([0.5, 0.2, 0.3, 1.0, 0.0, 1.0])
+    of, n_draws = segments(np.array([0, 3, 4, 6])), 4000
+    torch.manual_seed(0)
+    drawn = np.array([_drawn(probability.log(), of).numpy() for _ in range(n_draws)])
+    frequency = np.bincount(drawn[:, 0], minlength=3) / n_draws
+    # Four standard errors of a frequency of a half.
+    np.testing.assert_allclose(frequency, probability[:3], atol=4 * 0.5 / np.sqrt(n_draws))
+    assert (drawn[:, 1:] == [3, 5]).all()

@@ -9,8 +9,7 @@ from sb3_contrib import MaskablePPO  # noqa: E402
 from stable_baselines3.common.utils import set_random_seed  # noqa: E402
 from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 
-from agents.candidate_policy import CandidatePolicy  # noqa: E402
-from agents.features import Observed, gather_candidates  # noqa: E402
+from agents.candidate_policy import CandidatePolicy, read_candidates  # noqa: E402
 from agents.learner import CandidatePPO  # noqa: E402
 from agents.training_view import TrainingView  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
@@ -56,20 +55,31 @@ def test_a_rollout_is_the_one_that_maskable_ppo_remembers():
     assert own.episode_starts[1:].any()
 
 
-def test_a_buffer_holds_the_features_of_every_state_one_after_the_other():
-    model = learnt(MaskablePPO), learnt(CandidatePPO)
-    whole, ragged = model[0].rollout_buffer.observations, model[1].rollout_buffer.ragged()
+def test_a_buffer_holds_the_candidates_of_every_state():
+    whole, ragged = (learnt(learner).rollout_buffer for learner in (MaskablePPO, CandidatePPO))
     for step in (0, 7, N_STEPS - 1):
         for env in range(N_ENVS):
+            # MaskablePPO's buffer lies environment by environment once it has been read.
             row = env * N_STEPS + step
-            observed = Observed(*(whole[name][row][None] for name in Observed._fields))
-            expected = gather_candidates(observed, whole["action_mask"][row][None])
-            state = step * N_ENVS + env
-            found = ragged.features[ragged.offset[state] : ragged.offset[state + 1]]
-            np.testing.assert_array_equal(found, expected.features)
-            np.testing.assert_array_equal(ragged.of_state[state], whole["globals"][row])
+            found = ragged.states[step * N_ENVS + env]
+            expected = read_candidates({name: part[row : row + 1] for name, part in whole.observations.items()})
+            assert found.action[found.action == whole.actions[row, 0]].size == 1
+            for own, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(own, other)
 
 
-def test_settings_that_it_has_no_part_for_are_refused():
-    with pytest.raises(TypeError, match="no setting 'target_kl'"):
-        learnt(CandidatePPO, target_kl=0.1)
+def test_the_samples_of_an_epoch_are_all_states_each_once_and_whole():
+    buffer = learnt(CandidatePPO).rollout_buffer
+    samples = list(buffer.get(batch_size=N_ENVS * N_STEPS // 4))
+    assert len(samples) == 4
+    assert sorted(np.concatenate([sample.returns for sample in samples])) == sorted(buffer.returns.ravel())
+    for sample in samples:
+        for number, state in enumerate(sample.observations.split()):
+            number_of = int(np.flatnonzero(buffer.log_probs.ravel() == sample.old_log_prob[number].item())[0])
+            np.testing.assert_array_equal(state.features, buffer.states[number_of].features)
+            assert sample.actions[number] == buffer.actions.ravel()[number_of]
+
+
+def test_another_buffer_is_refused():
+    with pytest.raises(TypeError, match="rollout_buffer_class"):
+        learnt(CandidatePPO, rollout_buffer_class=None)
