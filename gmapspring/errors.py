@@ -27,3 +27,7 @@ class StateFileError(GmapspringError, ValueError):
 
 class ConfigError(GmapspringError, ValueError):
     """A configuration with one or more mistakes, all listed."""
+
+
+class CapacityError(GmapspringError, ValueError):
+    """A body that may come to need more nodes or springs than its row of a batch has room for."""

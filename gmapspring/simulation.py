@@ -60,10 +60,11 @@ class Simulation:
         self.stable_step = stability.stable_step(self.body, self.integrator)
         """The largest substep [s] whose small motions are proven stable, for this body and every body cut from it."""
 
-    def advance(self, seconds: float, step: float | None = None) -> int:
-        """Simulate for some seconds in equal substeps, none longer than step; return their number.
+    def advance(self, seconds: float, step: float | None = None, rest_tolerance: float | None = None) -> int:
+        """Simulate for some seconds in equal substeps, none longer than step; return how many were taken.
 
-        Without a step, it is the share of the stable one that the integrator keeps violent motion calm with.
+        Without a step, it is the share of the stable one that the integrator keeps violent motion calm with. With a
+        rest_tolerance [m] the rest of the time is skipped once no node can move any further than that in it.
         Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
         body then holds its last finite state.
         """
@@ -77,31 +78,33 @@ class Simulation:
                 "leave it out to have it chosen"
             )
         longest = self.integrator.default_share * self.stable_step if step is None else step
-        # A whole number of steps up to round-off must not become one more.
-        n_substeps = max(1, math.ceil(seconds / longest * (1.0 - 1e-12))) if seconds > 0.0 else 0
-        if n_substeps:
-            self._take_substeps(seconds / n_substeps, n_substeps)
-        return n_substeps
+        if rest_tolerance is not None and not rest_tolerance >= 0.0:
+            raise ValueError(f"rest_tolerance must not be negative, not {rest_tolerance}")
+        n_substeps = int(substeps_for(seconds, longest))
+        tolerance = NEVER if rest_tolerance is None else np.array([rest_tolerance])
+        return self._take_substeps(seconds / n_substeps, n_substeps, tolerance) if n_substeps else 0
 
-    def _take_substeps(self, step: float, n_substeps: int) -> None:
-        """Take substeps in one call of a kernel; on divergence find the last finite state."""
-        n_finite = self._advance_kernel(step, n_substeps)
-        if n_finite < 0:
-            n_finite = 0
-            while self._advance_kernel(step, 1) == 1:
-                n_finite += 1
+    def _take_substeps(self, step: float, n_substeps: int, tolerance: np.ndarray) -> int:
+        """Take substeps in one call of a kernel and return their number; on divergence find the last finite state."""
+        n_taken = self._advance_kernel(step, n_substeps, tolerance)
+        if n_taken >= 0:
+            self.time += n_substeps * step
+            self.n_substeps += n_taken
+            return n_taken
+        n_finite = 0
+        while self._advance_kernel(step, 1, NEVER) == 1:
+            n_finite += 1
         self.time += n_finite * step
         self.n_substeps += n_finite
-        if n_finite < n_substeps:
-            raise DivergenceError(
-                f"the state stopped being finite in substep {n_finite + 1} of {n_substeps}, of {step:.6g} s each, at time "
-                f"{self.time:.6g} s; the body holds its last finite state. Look for loads or velocities beyond all bounds"
-            )
+        raise DivergenceError(
+            f"the state stopped being finite in substep {n_finite + 1} of {n_substeps}, of {step:.6g} s each, at time "
+            f"{self.time:.6g} s; the body holds its last finite state. Look for loads or velocities beyond all bounds"
+        )
 
-    def _advance_kernel(self, step: float, n_substeps: int) -> int:
+    def _advance_kernel(self, step: float, n_substeps: int, tolerance: np.ndarray) -> int:
         """Call the integrator's kernel; return how many substeps it took, -1 where the state stopped being finite."""
-        taken = np.zeros(1, np.int64)
-        self.integrator.advance(self.body.table, ONE_ROW, self.body.real, np.array([step]), np.array([n_substeps]), NEVER, taken)
+        body, taken = self.body, np.zeros(1, np.int64)
+        self.integrator.advance(body.table, ONE_ROW, body.real, np.array([step]), np.array([n_substeps]), tolerance, taken)
         return int(taken[0])
 
     def split_face(self, tet_a: int, tet_b: int) -> CutReport:
@@ -171,6 +174,12 @@ class Simulation:
     def load(cls, path: str | pathlib.Path) -> "Simulation":
         """Read a simulation from a file; raise StateFileError for a foreign, truncated or outdated one."""
         return state_file.read(pathlib.Path(path), cls)
+
+
+def substeps_for(seconds, longest):
+    """Return how many equal substeps, none longer than the longest [s], some seconds take, one number or an array, as floats."""
+    # A whole number of steps up to round-off must not become one more.
+    return np.ceil(seconds / longest * (1.0 - 1e-12))
 
 
 def _pinned_mask(pinned: np.ndarray | None, mesh: Mesh) -> np.ndarray:

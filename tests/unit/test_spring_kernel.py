@@ -49,7 +49,8 @@ def trajectory_digest(dtype, scheme, has_damping):
     work = aligned_zeros((40 * (INTEGRATORS[scheme].n_work + 1), 8), dtype)
     matter = Matter(nodes, springs, no_matter(dtype).tetrahedra, np.zeros(3), work, np.array([40, 150, 0, 0, 0]))
     taken = np.zeros(1, np.int64)
-    INTEGRATORS[scheme].advance(address_row(matter)[None], taken.copy(), dtype(0), np.array([1e-2]), np.array([200]), np.array([-1.0]), taken)
+    INTEGRATORS[scheme].advance(address_row(matter)[None], taken.copy(), dtype(0), np.array([1e-2]), np.array([200]),
+                                np.array([-1.0]), taken)  # fmt: skip
     assert taken[0] == 200
     assert np.isfinite(nodes.state).all() and np.abs(nodes.state).max() > 1.0
     return hashlib.sha256(nodes.state.tobytes()).hexdigest()
