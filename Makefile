@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow lint clean
+.PHONY: demo test test-slow bench lint clean
 
 ## demo: cut the liver, train the baseline for three minutes, compare it with the scripts; results in runs/demo/
 demo: $(VENV)/.installed
@@ -15,6 +15,11 @@ test: $(VENV)/.installed lint
 ## test-slow: what takes longer, such as the trained baseline's figures and the long stability runs
 test-slow: $(VENV)/.installed
 	$(BIN)/python -m pytest -m slow
+
+## bench: measure every figure of docs/speed.md on this machine, peers included; takes a quarter of an hour
+bench: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[dev,bench]"
+	$(BIN)/python -m tests.benchmarks.speed --publish
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -1,20 +1,16 @@
 """The environments as training sees them: less of them, shaped, several side by side."""
 
 import time
-from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.candidate_policy import OBSERVATION_KEYS
 from agents.features import AREA, IS_TARGET
 from agents.training_config import TrainingConfig
-from envs.library import load_scenes
-from envs.resect import ResectEnv
-from envs.scene import Scene
+from agents.vector_face import ResectVecEnv
 
 Array = np.ndarray[Any, Any]
 
@@ -101,23 +97,6 @@ def interface_area(observation: dict[str, Array]) -> Array:
 
 
 def make_environments(config: TrainingConfig) -> VecEnv:
-    """Return the training environments, side by side in this process.
-
-    They deal the scenes out among themselves, for each settles every body that it plays for the first time.
-    """
-    scenes, count = load_scenes(config.scene, "train"), config.ppo.n_envs
-    hands = [scenes[number % len(scenes) :: count] for number in range(count)]
-    environments = DummyVecEnv([partial(_Shown, hand, config.mask) for hand in hands])
+    """Return the training environments, side by side in this process."""
+    environments = ResectVecEnv(config.ppo.n_envs, scene=config.scene, split="train", mask=config.mask)
     return TrainingView(environments, config.ppo.shaping, config.ppo.gamma)
-
-
-class _Shown(gym.ObservationWrapper[Any, Any, Any]):
-    """Show only what the policy reads: `DummyVecEnv` copies all that it is shown."""
-
-    def __init__(self, scenes: Sequence[Scene], mask: str) -> None:
-        super().__init__(ResectEnv(scenes, mask=mask))
-        shown: Any = self.env.observation_space
-        self.observation_space = gym.spaces.Dict({key: shown[key] for key in OBSERVATION_KEYS})
-
-    def observation(self, observation: dict[str, Array]) -> dict[str, Array]:
-        return _shown(observation)

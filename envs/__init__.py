@@ -5,7 +5,7 @@ from gymnasium.envs.registration import register, registry
 from envs.wrappers import FlatObservation
 
 if "Resect-v0" not in registry:
-    register("Resect-v0", entry_point="envs.resect:ResectEnv")
+    register("Resect-v0", entry_point="envs.resect:ResectEnv", vector_entry_point="envs.vector:ResectVectorEnv")
     register(
         "ResectFlat-v0",
         entry_point="envs.resect:ResectEnv",

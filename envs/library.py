@@ -102,6 +102,17 @@ def load_scenes(scene: str | os.PathLike[str], split: str = "train") -> SceneSet
     return scenes
 
 
+def play_list(scene: str | Scene | Sequence[Scene], split: str) -> Sequence[Scene]:
+    """Return the scenes that an environment plays."""
+    if isinstance(scene, Scene):
+        return [scene]
+    if isinstance(scene, Sequence) and not isinstance(scene, str):
+        if not scene:
+            raise ConfigError("the list of scenes is empty; give at least one")
+        return scene
+    return load_scenes(scene, split)
+
+
 def certificate_path(scene: str | os.PathLike[str]) -> pathlib.Path:
     """Return where the certificates of a scene lie: in configs/certificates if shipped, else beside its file."""
     path = _scene_file(scene)

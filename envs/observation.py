@@ -10,13 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from envs.observation_kernel import Constants, Observation, fill_observation
-from envs.task import Resection
+from envs.observation_kernel import Observation
+from envs.sight import LARGEST
 
 Array = np.ndarray[Any, Any]
-
-LARGEST = 1e6
-"""Values are held within plus or minus this: a body that blows up is still inside its space."""
 
 
 class Column(NamedTuple):
@@ -122,63 +119,17 @@ def observation_space(n_faces: int, n_tetrahedra: int) -> spaces.Dict:
 
 
 class Observer:
-    """Write observations of one mesh; the arrays handed out are the receiver's own."""
+    """Make arrays for observations of one mesh; those handed out are the receiver's own."""
 
     def __init__(self, space: spaces.Dict) -> None:
-        """Make room for one observation of a space."""
-        self.buffer = Observation(
-            *(np.zeros(box.shape or (), box.dtype or np.float32) for box in space.values())
-        )
-        self._row_of_node = np.zeros(len(self.buffer.nodes), dtype=np.int32)
+        """Keep the shapes of the arrays in a space."""
+        self._kinds = [(box.shape or (), box.dtype or np.float32) for box in space.values()]
 
-    def observe(self, task: Resection, constants: Constants, n_steps: int, mask: Array) -> dict[str, Array]:
-        """Return what there is to see of a task.
-
-        Args:
-            task: the body and its measures.
-            constants: what `constants_of` gives for the same task.
-            n_steps: actions so far.
-            mask: legal actions, int8 (n_actions,).
-        """
-        body, tissue = task.simulation.body, task.tissue
-        self.buffer.action_mask[:] = mask
-        self.buffer.globals[:4] = constants.load
-        self.buffer.globals[4:] = (
-            tissue.healthy_strain * constants.strain,
-            tissue.target_strain * constants.strain,
-            task.healthy_share,
-            task.target_share,
-            task.cost / 10.0,
-            n_steps / 100.0,
-            tissue.lowest_volume_ratio,
-            task.n_components / 10.0,
-        )
-        fill_observation(
-            task.table, body.gmap, body.node_rows, constants,
-            task.strain, task.volume_ratio, task.is_attached, task.label_of, self._row_of_node, self.buffer,
-        )  # fmt: skip
-        return {name: array.copy() for name, array in zip(Observation._fields, self.buffer, strict=True)}
+    def room_for(self, n: int) -> Observation:
+        """Return arrays for n observations, side by side, not set to anything."""
+        return Observation(*(np.empty((n, *shape), dtype) for shape, dtype in self._kinds))
 
 
-def constants_of(task: Resection) -> Constants:
-    """Return what never changes while a scene is played, in the units of the observation."""
-    scene, body = task.scene, task.simulation.body
-    force = float(np.sqrt((task.load**2).sum()))
-    mass = np.asarray(body.tetrahedra.mass, dtype=np.float64)
-    return Constants(
-        rest_position=scene.mesh.points / scene.spacing,
-        is_target=np.array(scene.target),
-        is_anchor=np.array(scene.anchor),
-        stiffness=np.log(scene.young_modulus / scene.reference_modulus),
-        tetrahedron_mass=mass,
-        volume=6.0 * task.table.volume / scene.spacing**3,
-        area=task.table.face_area / scene.spacing**2,
-        centroid=task.table.face_centroid / scene.spacing,
-        # A load of zero has no direction.
-        load=np.append(task.load / (force or 1.0), force / (scene.reference_modulus * scene.spacing**2)),
-        length=1.0 / scene.spacing,
-        velocity=scene.physics.settle_seconds / scene.spacing,
-        mass=scene.mesh.n_points / float(mass.sum()),
-        strain=1.0 / scene.limits.strain,
-        largest=LARGEST,
-    )
+def one_of(observations: Observation, place: int) -> dict[str, Array]:
+    """Return one of many observations, as views."""
+    return {name: array[place] for name, array in zip(Observation._fields, observations, strict=True)}

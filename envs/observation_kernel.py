@@ -1,49 +1,29 @@
-"""The inner loops that write an observation."""
+"""The inner loops that write observations, each number once, straight to where they are handed out."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gmapspring.jit import kernel
+from envs.arrays import (
+    COST,
+    HEALTHY_STRAIN,
+    HEALTHY_VOLUME,
+    LOWEST_RATIO,
+    N_COMPONENTS,
+    N_STEPS,
+    TARGET_STRAIN,
+    TARGET_VOLUME,
+    read_task,
+)
+from envs.sight import LARGEST, LENGTH, MASS, STRAIN, VELOCITY
+from gmapspring.jit import kernel, part
+from gmapspring.topology.gmap import N_VERTICES
 
 Array = np.ndarray[Any, Any]
 
 
-class Constants(NamedTuple):
-    """What never changes while a scene is played, in the units of the observation."""
-
-    rest_position: Array
-    """Of each mesh point / h, shape (n_points, 3)."""
-    is_target: Array
-    """bool (n_tetrahedra,)."""
-    is_anchor: Array
-    """bool (n_tetrahedra,)."""
-    stiffness: Array
-    """log(E / E0), shape (n_tetrahedra,)."""
-    tetrahedron_mass: Array
-    """[kg], shape (n_tetrahedra,)."""
-    volume: Array
-    """6 V / h^3, shape (n_tetrahedra,)."""
-    area: Array
-    """Of each interior face / h^2, shape (n_faces,)."""
-    centroid: Array
-    """Of each interior face / h, shape (n_faces, 3)."""
-    load: Array
-    """Direction of the load, 0 without one, and its size / (E0 h^2), shape (4,)."""
-    length: float
-    """What turns metres into h."""
-    velocity: float
-    """What turns m/s into h per time between two cuts."""
-    mass: float
-    """What turns kilograms into mean node masses."""
-    strain: float
-    """What turns strain into parts of the limit."""
-    largest: float
-    """Largest size of any value."""
-
-
 class Observation(NamedTuple):
-    """Arrays of one observation, in the order of its space; see `envs.observation` for their columns."""
+    """Arrays of observations, in the order of their space; see `envs.observation` for their columns."""
 
     nodes: Array
     faces: Array
@@ -58,119 +38,150 @@ class Observation(NamedTuple):
 
 
 @kernel
-def fill_observation(
-    table, gmap, nodes, constants, strain, volume_ratio, is_attached, label_of, row_of_node, out
-):
-    """Write all parts but the mask, of which the globals are there already and only held within bounds.
-
-    Args:
-        table: `ActionTable` of the mesh.
-        gmap: the map.
-        nodes: `Nodes` of the body.
-        constants: `Constants` of the scene.
-        strain: largest edge strain of each tetrahedron, shape (n_tetrahedra,).
-        volume_ratio: volume / rest volume, shape (n_tetrahedra,).
-        is_attached: bool (n_tetrahedra,).
-        label_of: component of each tetrahedron, int32 (n_tetrahedra,).
-        row_of_node: scratch, int32 (4 n_tetrahedra,).
-        out: `Observation` to write.
-    """
-    _fill_tetrahedra(table, gmap, constants, strain, volume_ratio, is_attached, label_of, out)
-    _fill_nodes(gmap, nodes, constants, is_attached, row_of_node, out)
-    _fill_faces(table, gmap, constants, is_attached, out)
-    for place in range(out.globals.shape[0]):
-        out.globals[place] = _held(out.globals[place], constants.largest)
+def observe(table, rows, real, places, out):
+    """Write what there is to see of rows of a table to places of out, an `Observation` whose arrays have places in front."""
+    for k in range(len(rows)):
+        task, place = read_task(table, rows[k], real), places[k]
+        tetrahedron_nodes = out.tetrahedron_nodes[place]
+        show_tetrahedra(task, out.tetrahedra[place], out.tetrahedron_neighbours[place], out.components[place])
+        show_nodes(task, tetrahedron_nodes, out.nodes[place])
+        show_faces(task, tetrahedron_nodes.reshape(tetrahedron_nodes.size), out.faces[place], out.face_tetrahedra[place],
+                   out.face_nodes[place])
+        show_globals(task, out.globals[place])
+        mask, action_mask = task.play.mask, out.action_mask[place]
+        for action in range(len(mask)):
+            action_mask[action] = mask[action]
 
 
-@kernel
-def _fill_tetrahedra(table, gmap, constants, strain, volume_ratio, is_attached, label_of, out):
-    """Write the tables of tetrahedra, but not their nodes."""
-    rows, largest = out.tetrahedra, constants.largest
-    rows[:] = 0.0
-    for tet in range(is_attached.shape[0]):
-        out.components[tet] = label_of[tet]
+@part
+def show_tetrahedra(task, rows, neighbours, components):
+    """Write the table of tetrahedra, their neighbours and components."""
+    image, face_of_slot, whole = task.body.gmap.image, task.rules.face_of_slot, task.rules.sight.tetrahedra
+    is_attached, label_of = task.play.is_attached, task.play.label_of
+    strain, volume_ratio, strain_unit = task.play.strain, task.play.volume_ratio, task.rules.sight.units[STRAIN]
+    for tet in range(len(is_attached)):
+        components[tet] = label_of[tet]
         n_free, n_cut = 0, 0
         for face in range(4):
-            slot = gmap.image[tet, face] // 6
-            is_free = slot == 4 * tet + face
-            out.tetrahedron_neighbours[tet, face] = -1.0 if is_free else slot // 4
+            dart = image[tet, face]
+            is_free = dart == 24 * tet + 6 * face
+            neighbours[tet, face] = np.int32(-1) if is_free else np.int32(np.uint32(dart) // np.uint32(24))
             n_free += is_free
-            n_cut += is_free and table.face_of_slot[tet, face] >= 0
+            n_cut += is_free and face_of_slot[tet, face] >= 0
         if is_attached[tet]:
-            rows[tet, 0] = rows[tet, 1] = 1.0
-            rows[tet, 2] = constants.is_target[tet]
-            rows[tet, 3] = constants.is_anchor[tet]
-            rows[tet, 4] = _held(strain[tet] * constants.strain, largest)
-            rows[tet, 5] = _held(volume_ratio[tet], largest)
-            rows[tet, 6] = constants.stiffness[tet]
-            rows[tet, 7] = constants.volume[tet]
+            for column in range(10):
+                rows[tet, column] = whole[tet, column]
+            rows[tet, 4] = held(strain[tet] * strain_unit)
+            rows[tet, 5] = held(volume_ratio[tet])
             rows[tet, 8] = 0.25 * n_free
             rows[tet, 9] = 0.25 * n_cut
+        else:
+            for column in range(10):
+                rows[tet, column] = 0.0
 
 
-@kernel
-def _fill_nodes(gmap, nodes, constants, is_attached, row_of_node, out):
+@part
+def show_nodes(task, tetrahedron_nodes, rows):
     """Write the table of nodes and the nodes of each tetrahedron."""
-    rows = out.nodes
-    rows[:] = 0.0
-    row_of_node[:] = -1
-    for tet in range(is_attached.shape[0]):
+    numbers = rows.reshape(rows.size)
+    for place in range(len(numbers)):
+        numbers[place] = 0.0
+    sum_shares(task, tetrahedron_nodes)
+    row_of_node = task.play.row_of_node
+    for node in range(task.body.gmap.counts[N_VERTICES]):
+        if row_of_node[node] >= 0:
+            show_node(task, node, rows[np.uint64(row_of_node[node])])
+
+
+@part
+def sum_shares(task, tetrahedron_nodes):
+    """Set what tetrahedra add to each node, Play.node_sums, and where it is shown: at its lowest corner."""
+    sight, is_attached, strain, vertex_of = task.rules.sight, task.play.is_attached, task.play.strain, task.body.gmap.vertex_of
+    shares, row_of_node, sums = sight.shares, task.play.row_of_node, task.play.node_sums
+    for node in range(task.body.gmap.counts[N_VERTICES]):
+        row_of_node[node] = -1
+    for tet in range(len(is_attached)):
+        if not is_attached[tet]:
+            for corner in range(4):
+                tetrahedron_nodes[tet, corner] = -1.0
+            continue
+        target, stiffness, largest = shares[tet, 0], shares[tet, 1], strain[tet]
         for corner in range(4):
-            if not is_attached[tet]:
-                out.tetrahedron_nodes[tet, corner] = -1.0
-                continue
-            node = gmap.vertex_of[tet, corner]
+            node = np.uint64(vertex_of[tet, corner])
             if row_of_node[node] < 0:
-                row_of_node[node] = 4 * tet + corner
-                _start_node(nodes, node, constants, rows, 4 * tet + corner)
-            row = row_of_node[node]
-            out.tetrahedron_nodes[tet, corner] = row
-            # Shares of the node's mass, as they are summed.
-            share = 0.25 * constants.tetrahedron_mass[tet] / nodes.mass[node]
-            if constants.is_target[tet]:
-                rows[row, 12] = min(rows[row, 12] + share, 1.0)
-            rows[row, 13] = max(rows[row, 13], out.tetrahedra[tet, 4])
-            rows[row, 14] += share * constants.stiffness[tet]
+                row_of_node[node] = np.int32(4 * tet + corner)
+                sums[node, 0], sums[node, 1], sums[node, 2] = target, stiffness, largest
+            else:
+                sums[node, 0] += target
+                sums[node, 1] += stiffness
+                sums[node, 2] = max(sums[node, 2], largest)
+            tetrahedron_nodes[tet, corner] = row_of_node[node]
 
 
-@kernel
-def _start_node(nodes, node, constants, rows, row):
-    """Write the row of a node: all but what its tetrahedra add."""
-    largest, point = constants.largest, nodes.point[node]
-    rows[row, 0] = 1.0
+@part
+def show_node(task, node, row):
+    """Write the row of a node."""
+    nodes, sight, sums = task.body.matter.nodes, task.rules.sight, task.play.node_sums
+    state, rest_position, units, point = nodes.state, sight.rest_position, sight.units, np.uint64(nodes.point[node])
+    mass, length, per_time = nodes.mass[node], units[LENGTH], units[VELOCITY]
+    inverse, is_calm = 1.0 / mass, True
+    row[0] = 1.0
     for axis in range(3):
-        position = nodes.state[node, axis] * constants.length
-        rows[row, 1 + axis] = _held(position, largest)
-        rows[row, 4 + axis] = _held(position - constants.rest_position[point, axis], largest)
-        rows[row, 7 + axis] = _held(nodes.state[node, 4 + axis] * constants.velocity, largest)
-    rows[row, 10] = nodes.is_pinned[node]
-    rows[row, 11] = nodes.mass[node] * constants.mass
-    rows[row, 13] = -largest
+        position, velocity = state[node, axis] * length, state[node, 4 + axis] * per_time
+        moved = position - rest_position[point, axis]
+        row[1 + axis], row[4 + axis], row[7 + axis] = position, moved, velocity
+        is_calm &= (abs(position) <= LARGEST) & (abs(moved) <= LARGEST) & (abs(velocity) <= LARGEST)
+    if not is_calm:
+        for column in range(1, 10):
+            row[column] = held(row[column])
+    row[10] = nodes.is_pinned[node]
+    row[11] = mass * units[MASS]
+    row[12] = min(sums[node, 0] * inverse, 1.0)
+    row[13] = held(sums[node, 2] * units[STRAIN])
+    row[14] = sums[node, 1] * inverse
 
 
-@kernel
-def _fill_faces(table, gmap, constants, is_attached, out):
+@part
+def show_faces(task, corner_nodes, rows, face_tetrahedra, face_nodes):
     """Write the tables of faces."""
-    rows = out.faces
-    for face in range(table.face_slots.shape[0]):
-        for side in range(2):
-            tet = table.face_slots[face, side] // 4
-            out.face_tetrahedra[face, side] = tet
-            for corner in range(3):
-                # A tetrahedron that is gone has no nodes: -1 is copied.
-                place = table.face_corners[face, side, corner]
-                out.face_nodes[face, 3 * side + corner] = out.tetrahedron_nodes[tet, place]
-        slot = table.face_slots[face, 0]
-        is_sewn = is_attached[slot // 4] and gmap.image[slot // 4, slot % 4] // 6 != slot
-        rows[face, 0] = is_sewn
-        rows[face, 1] = constants.area[face] if is_sewn else 0.0
-        for axis in range(3):
-            rows[face, 2 + axis] = constants.centroid[face, axis] if is_sewn else 0.0
+    sight, gmap, is_attached, face_slots = task.rules.sight, task.body.gmap, task.play.is_attached, task.rules.face_slots
+    image, faces, sides, corners = gmap.image, sight.faces, sight.face_tetrahedra, sight.face_corners
+    for face in range(len(face_slots)):
+        face_tetrahedra[face, 0], face_tetrahedra[face, 1] = sides[face, 0], sides[face, 1]
+        for corner in range(6):
+            # A tetrahedron that is gone has no nodes: -1 is copied.
+            face_nodes[face, corner] = corner_nodes[np.uint64(corners[face, corner])]
+        slot = np.uint64(face_slots[face, 0])
+        tet = slot >> np.uint64(2)
+        if is_attached[tet] and np.uint64(image[tet, slot & np.uint64(3)]) != np.uint64(6) * slot:
+            for column in range(5):
+                rows[face, column] = faces[face, column]
+        else:
+            for column in range(5):
+                rows[face, column] = 0.0
 
 
-@kernel
-def _held(value, largest):
+@part
+def show_globals(task, row):
+    """Write the one row for the whole."""
+    numbers, whole, rules = task.play.numbers, task.play.whole, task.rules
+    load, start, strain_unit = rules.sight.load, rules.start, rules.sight.units[STRAIN]
+    for place in range(4):
+        row[place] = held(load[place])
+    row[4] = held(numbers[HEALTHY_STRAIN] * strain_unit)
+    row[5] = held(numbers[TARGET_STRAIN] * strain_unit)
+    row[6] = held(numbers[HEALTHY_VOLUME] / start[0])
+    row[7] = held(numbers[TARGET_VOLUME] / start[1])
+    row[8] = held(numbers[COST] / 10.0)
+    row[9] = held(whole[N_STEPS] / 100.0)
+    row[10] = held(numbers[LOWEST_RATIO])
+    row[11] = held(whole[N_COMPONENTS] / 10.0)
+
+
+@part
+def held(value):
     """Return a value held within plus or minus the largest; what is not a number becomes 0."""
-    if value != value:
-        return 0.0
-    return min(max(value, -largest), largest)
+    number = np.float64(value)
+    if abs(number) <= LARGEST:
+        return number
+    return 0.0 if number != number else min(max(number, -LARGEST), LARGEST)

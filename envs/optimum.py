@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from envs.actions import ActionTable
+from envs.action_table import ActionTable
 from envs.costs import face_costs, loss_costs, tetrahedron_costs
 from envs.scene import Scene
 from gmapspring.jit import kernel

@@ -8,23 +8,23 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.actions import MASKS
+from envs.arrays import N_STEPS
+from envs.collapse import SEPARATED
 from envs.costs import NOTHING
-from envs.library import load_scenes
-from envs.observation import Observer, observation_space
+from envs.library import play_list
+from envs.observation import Observer, observation_space, one_of
+from envs.observation_kernel import observe
 from envs.rewards import Transition, reward, reward_weights
 from envs.scene import Scene
 from envs.selection import select
-from envs.stage import Stage, StageCache, build_stage
-from envs.task import SEPARATED, Resection
+from envs.stage import BUDGET, Stage, StageCache, build_stage, step_limit
+from envs.task import Resection
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
 from gmapspring.render import render_body
+from gmapspring.simulation import ONE_ROW
 
 Array = np.ndarray[Any, Any]
-
-BUDGET = "budget"
-"""Reason of an episode that is cut short, by its cost or by its number of actions."""
-
 
 class ResectEnv(gym.Env[dict[str, Any], Any]):
     """Cut faces and remove tetrahedra until nothing joins the target to an anchor.
@@ -64,18 +64,16 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             raise ConfigError(f"there is no render mode {render_mode!r}; give None or 'rgb_array'")
         self.mask_mode, self.render_mode = mask, render_mode
         self.reward_weights = reward_weights(reward)
-        self.scenes = _scenes(scene, split)
-        self._stages = StageCache()
+        self.scenes = play_list(scene, split)
+        self._stages: StageCache[Stage] = StageCache()
         self._stage = self._stage_of(0)
         table = self.task.table
         self.action_space = spaces.Discrete(table.n_actions)
         self.observation_space = space = observation_space(table.n_faces, table.n_tetrahedra)
-        self.step_limit = 10 + table.n_actions // 8
-        """Actions after which an episode is cut short: from the mesh alone, so that it tells nothing of the optimum."""
+        self.step_limit = step_limit(table.n_actions)
         self._observer = Observer(space)
         self._has_ended = True
         self._mask = self.task.action_mask(self.mask_mode)
-        self.n_steps = 0
 
     @property
     def task(self) -> Resection:
@@ -92,6 +90,11 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         """Return the least total cost J* of the episode's scene."""
         return self._stage.optimum
 
+    @property
+    def n_steps(self) -> int:
+        """Return the number of actions so far."""
+        return int(self.task.play.whole[N_STEPS])
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -104,7 +107,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             self._stage_of(selection.place) if selection.scene is None else self._stage_for(selection.scene)
         )
         self.task.reset()
-        self.n_steps, self._has_ended = 0, False
+        self._has_ended = False
         self._mask = self.task.action_mask(self.mask_mode)
         return self._observe(), {"scene": self.scene.name, "scene_seed": self.scene.seed}
 
@@ -118,7 +121,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         task, scene = self.task, self.scene
         is_illegal = not self._mask[action]
         parts = NOTHING if is_illegal else task.step(action)
-        self.n_steps += 1
+        task.play.whole[N_STEPS] += 1
         if not is_illegal:
             self._mask = task.action_mask(self.mask_mode)
         outcome = None if is_illegal else task.outcome
@@ -151,14 +154,18 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
 
     def _observe(self) -> dict[str, Array]:
         """Return what there is to see now."""
-        return self._observer.observe(self.task, self._stage.constants, self.n_steps, self._mask)
+        room = self._observer.room_for(1)
+        # Policies that look ahead may have asked for another mask since.
+        self.task.play.mask[:] = self._mask
+        observe(self.task.row, ONE_ROW, self.task.simulation.body.real, ONE_ROW, room)
+        return one_of(room, 0)
 
     def _stage_of(self, index: int) -> Stage:
         """Return a scene of the list, ready to be played."""
         stage = self._stages.get(index)
         if stage is None:
             stage = build_stage(self.scenes[index])
-            self._stages.keep(index, stage)
+            self._stages.keep(index, stage, stage.task.table.n_tetrahedra)
         return stage
 
     def _stage_for(self, scene: Scene) -> Stage:
@@ -173,14 +180,3 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
                 f"environment was made for {mine.n_faces} and {mine.n_tetrahedra}; make another one for it"
             )
         return stage
-
-
-def _scenes(scene: str | Scene | Sequence[Scene], split: str) -> Sequence[Scene]:
-    """Return the scenes that an environment plays."""
-    if isinstance(scene, Scene):
-        return [scene]
-    if isinstance(scene, Sequence) and not isinstance(scene, str):
-        if not scene:
-            raise ConfigError("the list of scenes is empty; give at least one")
-        return scene
-    return load_scenes(scene, split)

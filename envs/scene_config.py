@@ -64,6 +64,8 @@ class Physics(Config):
     """Time that passes after each cut [s]."""
     initial_settle_seconds: PositiveFloat
     """Time that passes before the first cut [s]."""
+    rest_tolerance: PositiveFloat | None = None
+    """A settling ends early once no node can move any further than this in what is left of its time, in units of length h."""
     integrator: str
     """A name of gmapspring.integrators.INTEGRATORS."""
     dtype: Literal["float64", "float32"] = "float64"

@@ -1,38 +1,57 @@
 """The task without Gymnasium: cut the target free, at a cost, before healthy tissue gives way.
 
-Certificates are made, and episodes are played, by exactly this class.
+Certificates are made, and episodes are played, by exactly this class; what it does is done by kernels over rows of a table,
+of which it has one (see arrays.py) and a batch of environments many (see rows.py).
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.actions import MASKS, action_table, surroundings
-from envs.attachment import find_attached
-from envs.collapse import Tissue, collapse_reason, measure_tissue
-from envs.costs import CostParts, face_costs, loss_costs, tetrahedron_costs
+from envs.acting import BEGIN, act
+from envs.action_table import action_table, surroundings
+from envs.actions import MASKS
+from envs.arrays import (
+    COST,
+    FACE,
+    HEALTHY_STRAIN,
+    HEALTHY_VOLUME,
+    IS_FINITE,
+    LAYOUTS,
+    N_COMPONENTS,
+    TARGET_VOLUME,
+    TaskArrays,
+    empty_play,
+    rules_of,
+)
+from envs.collapse import SEPARATED, Tissue, collapse_reason
+from envs.costs import CostParts
+from envs.measuring import measure
 from envs.scene import Scene
-from gmapspring.body import Material
-from gmapspring.errors import DivergenceError, TopologyError
-from gmapspring.simulation import Simulation
+from envs.sight import seen_load
+from gmapspring.addresses import address_row
+from gmapspring.arena import SavedRow, copy_live
+from gmapspring.body import BodyArrays, Material
+from gmapspring.errors import DivergenceError, StateFileError, TopologyError
+from gmapspring.simulation import ONE_ROW, Simulation
 
 Array = np.ndarray[Any, Any]
-
-SEPARATED = "separated"
-"""Outcome of a target that hangs on nothing any more; the others are the reasons of a collapse."""
 
 
 class ResectionState(NamedTuple):
     """Everything that `Resection.load_state` needs to go on from here."""
 
-    simulation: Any
-    """State of the body, topology included."""
+    row: SavedRow
+    """Body and episode, topology included."""
 
-    loaded: Array
-    """Target tetrahedra that share the load, bool (n_tetrahedra,)."""
+    kind: tuple[int, int, str]
+    """Tetrahedra, actions and precision of the task that it was taken from."""
 
-    cost: float
-    """Cost so far."""
+    time: float
+    """Simulated time [s]."""
+
+    n_substeps: int
+    """Substeps taken."""
 
     outcome: str | None
     """What the last settling ended with."""
@@ -59,39 +78,33 @@ class Resection:
             integrator=physics.integrator,
             dtype=np.dtype(physics.dtype).type,
         )
-        self.strain = np.zeros(mesh.n_tetrahedra)
-        """Largest edge strain of each tetrahedron, 0 where it is not attached."""
-        self.volume_ratio = np.zeros(mesh.n_tetrahedra)
-        """Volume over rest volume of each tetrahedron, 0 where it is not attached."""
-        self.is_attached = np.zeros(mesh.n_tetrahedra, dtype=bool)
-        """Tetrahedra that hang on an anchor; after each action these are all there are."""
-        self.label_of = np.zeros(mesh.n_tetrahedra, dtype=np.int32)
-        """Component of each tetrahedron in the order of its lowest one, -1 where it is gone."""
-        self.n_components = 0
+        # Names the load, so that there is room for it from the start.
+        self.simulation.set_corner_loads(np.zeros((mesh.n_tetrahedra, 4, 3)))
+        self.play = empty_play(mesh.n_tetrahedra, self.table.n_actions)
+        self.rules = rules_of(scene, self.table, self.around)
+        self.rest_tolerance = None if physics.rest_tolerance is None else physics.rest_tolerance * scene.spacing
+        """What ends a settling early [m], or None."""
         self.outcome: str | None = None
         """None, "separated" or the reason of a collapse, as judged when the body last settled."""
-        self._is_target = np.array(scene.target)
-        self._queue = np.zeros(mesh.n_tetrahedra, dtype=np.int32)
-        self._loaded = np.zeros(mesh.n_tetrahedra, dtype=bool)
-        self._corner_loads = np.zeros((mesh.n_tetrahedra, 4, 3))
-        self._face_costs = face_costs(self.table.face_area, scene.spacing)
-        self._tetrahedron_costs = tetrahedron_costs(self.table.volume, scene.spacing)
-        self._loss_costs = loss_costs(self.table.volume, ~scene.target, scene.spacing)
-        self._connect()
-        self._drop_loose()
-        self._rest = self.simulation.save_state()
+        self._kind = (mesh.n_tetrahedra, self.table.n_actions, physics.dtype)
+        self._known_table: Any = None
+        self._act(int(BEGIN))
+        self._rest = self.save_state()
         self.set_load(scene.load)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy is made from: addresses hold for this task alone."""
+        return self.__dict__ | {"_known_table": None, "_row": None}
 
     def set_load(self, load: Array) -> None:
         """Start again under another total force on the target [N], shape (3,)."""
-        self.load = np.array(load, dtype=np.float64)
-        self.simulation.load_state(self._rest)
-        self.cost = 0.0
-        self._loaded[:] = False
-        self._connect()
-        self._spread_load()
+        self.rules.load[:] = load
+        self.rules.sight.load[:] = seen_load(self.scene, self.load)
+        self.load_state(self._rest)
+        self._act(int(BEGIN))
         self._settle_for(self.scene.physics.initial_settle_seconds)
         self.start_tissue = self.tissue
+        self.rules.start[:] = self.tissue.healthy_volume, self.tissue.target_volume
         self._judge()
         self._start = self.save_state()
 
@@ -101,10 +114,8 @@ class Resection:
 
     def action_mask(self, mode: str = "all") -> Array:
         """Return which actions a mask mode allows now, int8 (n_actions,)."""
-        mask = np.empty(self.table.n_actions, dtype=np.int8)
-        gmap = self.simulation.body.gmap
-        MASKS[mode](self.table, self.around, gmap.image, gmap.edge_of, self.is_attached, mask)
-        return mask
+        MASKS[mode](self.row, ONE_ROW, self.simulation.body.real)
+        return self.play.mask.copy()
 
     def step(self, action: int) -> CostParts:
         """Cut, then let the body settle and judge it; see `apply` and `settle`."""
@@ -118,125 +129,138 @@ class Resection:
         Raises:
             TopologyError: the action is illegal; nothing has changed.
         """
-        self._check(action)
-        table = self.table
-        face, tetrahedron = 0.0, 0.0
-        if action < table.n_faces:
-            first, second = table.face_slots[action] // 4
-            self.simulation.split_face(int(first), int(second))
-            face = float(self._face_costs[action])
-        else:
-            self.simulation.remove_tetrahedron(int(action) - table.n_faces)
-            tetrahedron = float(self._tetrahedron_costs[action - table.n_faces])
-        self._connect()
-        parts = CostParts(face, tetrahedron, self._drop_loose())
-        self._spread_load()
-        self.cost += parts.total
-        return parts
+        if not 0 <= action < self.table.n_actions:
+            raise TopologyError(f"action {action} is out of range 0..{self.table.n_actions - 1}")
+        if not self._act(action):
+            raise self._refusal(int(action))
+        return CostParts(*self.play.numbers[FACE : FACE + 3].tolist())
 
     def settle(self) -> None:
         """Let the body move for the scene's time after a cut, and set `outcome`: None, "separated" or a collapse."""
-        self._settle_for(self.scene.physics.settle_seconds)
+        self._settle_for(self.scene.physics.settle_seconds, self.rest_tolerance)
         self._judge()
+
+    @property
+    def row(self) -> Array:
+        """Return where kernels find body, episode and rules, (1, n)."""
+        body = self.simulation.body
+        if self._known_table is not body.table:
+            # The body has got other arrays, or this is a copy of another task.
+            self._known_table = body.table
+            self._row = address_row(self.arrays)[None]
+        return self._row
+
+    @property
+    def arrays(self) -> TaskArrays:
+        """Return body, episode and rules."""
+        body = self.simulation.body
+        return TaskArrays(BodyArrays(body.matter, body.gmap, body.room), self.play, self.rules)
+
+    @property
+    def start(self) -> ResectionState:
+        """Return the settled, uncut body."""
+        return self._start
+
+    @property
+    def load(self) -> Array:
+        """Return the total force on the target [N], shape (3,)."""
+        return self.rules.load
+
+    @property
+    def strain(self) -> Array:
+        """Return the largest edge strain of each tetrahedron, 0 where it is not attached."""
+        return self.play.strain
+
+    @property
+    def volume_ratio(self) -> Array:
+        """Return volume over rest volume of each tetrahedron, 0 where it is not attached."""
+        return self.play.volume_ratio
+
+    @property
+    def is_attached(self) -> Array:
+        """Return the tetrahedra that hang on an anchor; after each action these are all there are."""
+        return self.play.is_attached
+
+    @property
+    def label_of(self) -> Array:
+        """Return the component of each tetrahedron in the order of its lowest one, -1 where it is gone."""
+        return self.play.label_of
+
+    @property
+    def n_components(self) -> int:
+        """Return the number of pieces."""
+        return int(self.play.whole[N_COMPONENTS])
+
+    @property
+    def cost(self) -> float:
+        """Return the cost so far."""
+        return float(self.play.numbers[COST])
+
+    @property
+    def tissue(self) -> Tissue:
+        """Return what was measured when the body last settled."""
+        numbers = self.play.numbers[HEALTHY_STRAIN: TARGET_VOLUME + 1].tolist()
+        return Tissue._make((*numbers, bool(self.play.whole[IS_FINITE])))
 
     @property
     def healthy_share(self) -> float:
         """Return the volume of attached healthy tissue over that at the start."""
-        return self.tissue.healthy_volume / self.start_tissue.healthy_volume
+        return float(self.play.numbers[HEALTHY_VOLUME]) / self.start_tissue.healthy_volume
 
     @property
     def target_share(self) -> float:
         """Return the volume of the attached target over that at the start."""
-        return self.tissue.target_volume / self.start_tissue.target_volume
+        return float(self.play.numbers[TARGET_VOLUME]) / self.start_tissue.target_volume
 
     def save_state(self) -> ResectionState:
         """Return a snapshot of the body and the bookkeeping."""
-        return ResectionState(self.simulation.save_state(), self._loaded.copy(), self.cost, self.outcome)
+        simulation = self.simulation
+        saved = SavedRow(LAYOUTS[type(simulation.body.real)], self.row, 0, simulation.body.gmap.counts)
+        return ResectionState(saved, self._kind, simulation.time, simulation.n_substeps, self.outcome)
 
     def load_state(self, state: ResectionState) -> None:
         """Go back to a snapshot of the same scene under the same load."""
-        self.simulation.load_state(state.simulation)
-        self._loaded[:] = state.loaded
-        self.cost, self.outcome = state.cost, state.outcome
-        self._connect()
-        self._measure()
+        if state.kind != self._kind:
+            kinds = f"{state.kind}, not of {self._kind} (tetrahedra, actions, precision)"
+            raise StateFileError(f"the state belongs to a task of {kinds}")
+        simulation = self.simulation
+        layout = LAYOUTS[type(simulation.body.real)]
+        copy_live(state.row.table, 0, self.row, 0, *layout, layout.counts)
+        simulation.time, simulation.n_substeps, self.outcome = state.time, state.n_substeps, state.outcome
 
-    def _check(self, action: int) -> None:
-        """Raise where an action does not exist or does nothing to the body."""
-        table, around = self.table, self.around
-        if not 0 <= action < table.n_actions:
-            raise TopologyError(f"action {action} is out of range 0..{table.n_actions - 1}")
-        if action >= table.n_faces:
-            tet = action - table.n_faces
-            if not self.is_attached[tet]:
-                raise TopologyError(f"action {action} removes tetrahedron {tet}, which is no longer attached")
-            if around.is_anchor[tet]:
-                raise TopologyError(
-                    f"action {action} removes tetrahedron {tet}, which is pinned: anchors stay"
-                )
-            return
-        slot = int(table.face_slots[action, 0])
-        is_free = self.simulation.body.gmap.image[slot // 4, slot % 4] // 6 == slot
-        if is_free or not self.is_attached[slot // 4]:
-            raise TopologyError(f"action {action} cuts face {action}, which is cut or no longer attached")
+    def _act(self, action: int) -> bool:
+        """Carry out an action; return False where it is illegal."""
+        is_done = np.empty(1, bool)
+        act(self.row, ONE_ROW, self.simulation.body.real, np.array([action], np.int64), is_done)
+        return bool(is_done[0])
 
-    def _connect(self) -> None:
-        """Find what is attached, from the map."""
-        gmap = self.simulation.body.gmap
-        self.n_components, self._n_loose = find_attached(
-            gmap.image, gmap.component_of, self.around.is_anchor, self._queue, self.label_of, self.is_attached
-        )
+    def _refusal(self, action: int) -> TopologyError:
+        """Return why an action does nothing to the body."""
+        if action < self.table.n_faces:
+            return TopologyError(f"action {action} cuts face {action}, which is cut or no longer attached")
+        tet = action - self.table.n_faces
+        if not self.is_attached[tet]:
+            return TopologyError(f"action {action} removes tetrahedron {tet}, which is no longer attached")
+        return TopologyError(f"action {action} removes tetrahedron {tet}, which is pinned: anchors stay")
 
-    def _drop_loose(self) -> float:
-        """Take pieces that hang on no anchor off the body; return the cost of the healthy tissue among them."""
-        if self._n_loose == 0:
-            return 0.0
-        loose = np.flatnonzero((self.label_of >= 0) & ~self.is_attached)
-        self.simulation.cut(tetrahedra=loose)
-        self._connect()
-        return float(self._loss_costs[loose].sum())
-
-    def _spread_load(self) -> None:
-        """Share the total force among the attached target by volume: shaving the target sheds no load."""
-        loaded = self._is_target & self.is_attached
-        if np.array_equal(loaded, self._loaded):
-            return
-        self._loaded[:] = loaded
-        volume = np.where(loaded, self.table.volume, 0.0)
-        # With no target left the sum is 0, and so is every share.
-        share = volume / max(float(volume.sum()), np.finfo(np.float64).tiny)
-        self._corner_loads[:] = (0.25 * share)[:, None, None] * self.load
-        self.simulation.set_corner_loads(self._corner_loads)
-
-    def _settle_for(self, seconds: float) -> None:
+    def _settle_for(self, seconds: float, rest_tolerance: float | None = None) -> None:
         """Let time pass and measure; a state that stops being finite is a collapse, not an error."""
         self._diverged = False
         try:
             # At the bound itself, without the usual margin: motion is damped, and certificates are checked in this very physics.
-            self.simulation.advance(seconds, step=self.simulation.stable_step)
+            self.simulation.advance(seconds, self.simulation.stable_step, rest_tolerance)
         except DivergenceError:
             self._diverged = True
         self._measure()
 
     def _measure(self) -> None:
         """Measure the attached tissue."""
-        body = self.simulation.body
-        self.tissue = Tissue(
-            *measure_tissue(
-                body.gmap,
-                body.node_rows.state,
-                body.spring_rows.rest_length,
-                self.table.volume,
-                self._is_target,
-                self.is_attached,
-                self.strain,
-                self.volume_ratio,
-            )
-        )
+        measure(self.row, ONE_ROW, self.simulation.body.real)
 
     def _judge(self) -> None:
         """Set the outcome; a collapse counts even where the target has come free."""
-        tissue = self.tissue._replace(is_finite=self.tissue.is_finite and not self._diverged)
+        tissue = self.tissue
+        tissue = tissue._replace(is_finite=tissue.is_finite and not self._diverged)
         self.outcome = collapse_reason(tissue, self.healthy_share, self.scene.limits)
         if self.outcome is None and not tissue.target_volume:
             self.outcome = SEPARATED

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.actions import action_table
+from envs.action_table import action_table
 from envs.optimum import minimum_cut
 from envs.scene import Certificate, Scene
 from envs.scene_config import Limits, Physics

@@ -11,7 +11,7 @@ import yaml
 from rich.console import Console
 
 from envs import certify
-from envs.actions import action_table
+from envs.action_table import action_table
 from envs.calibrate import LOAD_TOLERANCE
 from envs.library import certificate_path, load_scene_config, load_scenes, read_certificates, scene_digest, shipped_scenes
 from envs.optimum import minimum_cut
@@ -84,8 +84,11 @@ def test_certifying_a_seed_again_gives_the_shipped_certificate():
     scenes = load_scenes("box-48", "validation")
     again = certify.certify(scenes.config, scenes.seeds[0])
     shipped = scenes[0].certificate
-    assert again.order == shipped.order
+    # Orders that strain the body alike to the last digits are told apart by round-off alone: any of them will do.
+    assert again.plan == shipped.plan
     assert again.load_factor == pytest.approx(shipped.load_factor, rel=1e-9)
+    assert again.peak_strain == pytest.approx(shipped.peak_strain, rel=1e-9)
+    assert again.lowest_volume_ratio == pytest.approx(shipped.lowest_volume_ratio, rel=1e-9)
 
 
 def test_a_short_plan_is_ordered_as_well_as_every_order_tried_one_by_one():

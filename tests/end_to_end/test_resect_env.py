@@ -16,7 +16,7 @@ from envs.actions import MASKS
 from envs.costs import CostParts
 from envs.resect import ResectEnv
 from envs.rewards import REWARD_TERMS
-from gmapspring.errors import ConfigError
+from gmapspring.errors import ConfigError, StateFileError
 from tests.bits import assert_same_bits, bits_of
 from tests.small_scene import play, random_policy, small_scene, with_certificate
 
@@ -333,6 +333,37 @@ def test_single_precision_plays_the_same_episode_to_its_own_accuracy():
     assert [step[1] for step in episodes[0]] == [step[1] for step in episodes[1]]
     for double, single in zip(*episodes, strict=True):
         np.testing.assert_allclose(single[0]["globals"], double[0]["globals"], rtol=1e-2, atol=1e-3)
+
+
+def test_a_settling_may_end_early_where_a_scene_says_so():
+    plain = SCENES[0].physics
+    physics = plain.model_copy(update={"settle_seconds": 0.6, "rest_tolerance": 1e-3})
+    whole = physics.model_copy(update={"rest_tolerance": None})
+    fixed, early = (ResectEnv(small_scene(0, physics=each)) for each in (whole, physics))
+    for env in (fixed, early):
+        env.reset(seed=0)
+    for action in (0, 30, 71):
+        one, two = fixed.step(action), early.step(action)
+        assert one[2:4] == two[2:4] == (False, False)
+        # No node could have come any further than 1e-3 h.
+        moved = np.abs(one[0]["nodes"][:, 1:4] - two[0]["nodes"][:, 1:4]).max()
+        assert moved < 1e-3
+    assert early.task.simulation.n_substeps < 0.8 * fixed.task.simulation.n_substeps
+    assert early.task.simulation.time == pytest.approx(fixed.task.simulation.time)
+
+
+def test_a_settling_takes_its_whole_time_unless_a_scene_says_otherwise(env):
+    assert SCENES[0].physics.rest_tolerance is None
+    env.reset(seed=0)
+    before, seconds = env.task.simulation.n_substeps, SCENES[0].physics.settle_seconds
+    env.step(0)
+    assert env.task.simulation.n_substeps - before == np.ceil(seconds / env.task.simulation.stable_step)
+
+
+def test_a_snapshot_of_another_task_is_refused(env):
+    other = ResectEnv(small_scene(cells=(2, 2, 1)))
+    with pytest.raises(StateFileError, match=r"belongs to a task of \(24, "):
+        env.task.load_state(other.task.save_state())
 
 
 def test_frames_show_the_body():

@@ -5,7 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from envs.actions import MASKS, action_table
+from envs.action_table import action_table
+from envs.actions import MASKS
 from envs.task import Resection
 from gmapspring.errors import TopologyError
 from tests.bits import assert_same_bits, bits_of

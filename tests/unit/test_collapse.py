@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs.collapse import COLLAPSE_RULES, Tissue, collapse_reason
+from envs.collapse import COLLAPSE_RULES, SEPARATED, Tissue, collapse_reason, collapse_reasons
 from envs.scene_config import Limits
-from envs.task import SEPARATED, Resection
+from envs.task import Resection
 from tests.small_scene import small_scene
 
 EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
@@ -61,6 +61,17 @@ def test_a_sound_body_has_no_reason():
 )
 def test_each_limit_has_its_reason(tissue, share, reason):
     assert collapse_reason(tissue, share, LIMITS) == reason
+
+
+def test_many_bodies_at_once_are_judged_as_one_by_one(rng):
+    n = 200
+    columns = [rng.uniform(0.0, 1.0, n), rng.uniform(0.0, 1.0, n), rng.uniform(-0.2, 1.0, n), rng.uniform(0.0, 1.0, n),
+               rng.uniform(0.0, 1.0, n), rng.random(n) < 0.8]  # fmt: skip
+    share = rng.uniform(0.6, 1.0, n)
+    reasons = collapse_reasons(Tissue(*columns), share, LIMITS)
+    one_by_one = [collapse_reason(Tissue(*(column[i] for column in columns)), share[i], LIMITS) for i in range(n)]
+    assert reasons.tolist() == one_by_one
+    assert set(one_by_one) == {None, *COLLAPSE_RULES}
 
 
 def test_limits_themselves_are_borne():

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from envs.actions import action_table
+from envs.action_table import action_table
 from envs.library import load_scene_config
 from envs.optimum import action_costs, minimum_cut
 from envs.scene import build_scene

@@ -67,3 +67,17 @@ def test_a_weight_must_be_a_finite_number(weight):
 def test_all_mistakes_are_listed_at_once():
     with pytest.raises(ConfigError, match=r"(?s)reward\.cots.*reward\.collapse"):
         reward_weights({"cots": 1.0, "collapse": "much"})
+
+
+def test_many_transitions_at_once_give_the_same_bits_as_one_by_one(rng):
+    n = 50
+    cost, optimum = rng.uniform(0.0, 9.0, n), rng.uniform(0.1, 9.0, n)
+    outcomes = np.array([None, "separated", *COLLAPSE_RULES], dtype=object)[rng.integers(2 + len(COLLAPSE_RULES), size=n)]
+    is_illegal = rng.random(n) < 0.3
+    weights = {name: float(rng.normal()) for name in REWARD_TERMS}
+    totals, terms = reward(Transition(cost, optimum, outcomes, is_illegal), weights)
+    for i in range(n):
+        transition_of = Transition(float(cost[i]), float(optimum[i]), outcomes[i], bool(is_illegal[i]))
+        total, each = reward(transition_of, weights)
+        assert total == totals[i]
+        assert each == {name: {kind: values[kind][i] for kind in values} for name, values in terms.items()}
