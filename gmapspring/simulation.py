@@ -84,7 +84,7 @@ class Simulation:
         tolerance = NEVER if rest_tolerance is None else np.array([rest_tolerance])
         return self._take_substeps(seconds / n_substeps, n_substeps, tolerance) if n_substeps else 0
 
-    def _take_substeps(self, step: float, n_substeps: int, tolerance: np.ndarray) -> int:
+    def _take_substeps(self, step: float, n_substeps: int, tolerance: np.ndarray = NEVER) -> int:
         """Take substeps in one call of a kernel and return their number; on divergence find the last finite state."""
         n_taken = self._advance_kernel(step, n_substeps, tolerance)
         if n_taken >= 0:
