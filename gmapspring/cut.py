@@ -100,16 +100,16 @@ class CutReport:
 
 def split_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) -> CutReport:
     """Cut the face between two tetrahedra; raise TopologyError, with nothing changed, where they share none."""
-    if keep_manifold or type(tet_a) is not int or type(tet_b) is not int:
+    if keep_manifold:
         return cut(body, [(tet_a, tet_b)], (), keep_manifold)
-    return _cut(body, np.array([[tet_a, tet_b]]), NONE)
+    return _cut(body, np.array([[_whole(tet_a), _whole(tet_b)]]), NONE)
 
 
 def remove_tetrahedron(body: Body, tetrahedron: int, keep_manifold: bool = False) -> CutReport:
     """Isolate a tetrahedron by cutting its faces, then delete it."""
-    if keep_manifold or type(tetrahedron) is not int:
+    if keep_manifold:
         return cut(body, (), [tetrahedron], keep_manifold)
-    return _cut(body, NO_PAIRS, np.array([tetrahedron]))
+    return _cut(body, NO_PAIRS, np.array([_whole(tetrahedron)]))
 
 
 def cut(body: Body, faces: Iterable = (), tetrahedra: Iterable = (), keep_manifold: bool = False) -> CutReport:
