@@ -31,6 +31,8 @@ from gmapspring.topology.walks import ascending
 
 NONE = np.zeros(0, dtype=np.int64)
 NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
+LARGEST = 2**62
+"""No body has so many tetrahedra, and kernels can still count as far."""
 
 
 class CutReport:
@@ -195,6 +197,8 @@ def _whole(number: object) -> int:
     """Return a whole number; raise TopologyError for anything else."""
     if isinstance(number, bool) or not isinstance(number, int | np.integer):
         raise TopologyError(f"a tetrahedron is named by a whole number, not by {number!r}")
+    if not -LARGEST <= number <= LARGEST:
+        raise TopologyError(f"tetrahedron {number} is out of range")
     return int(number)
 
 

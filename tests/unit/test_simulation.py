@@ -230,3 +230,16 @@ def test_the_surface_is_closed_and_its_triangles_face_outward():
     normals = body.surface_normals()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - body.nodes.position.mean(axis=0)) > 0).all()
+
+
+@pytest.mark.parametrize("number", [-1, 10**6, 2**62, -(2**63), 10**30])
+def test_a_tetrahedron_that_no_mesh_has_is_refused_by_every_cut(number):
+    sim = hanging_box()
+    before = bits_of(sim)
+    for attempt in (
+        lambda: sim.remove_tetrahedron(number), lambda: sim.split_face(0, number), lambda: sim.split_face(number, 0),
+        lambda: sim.cut(faces=[(number, 1)]), lambda: sim.cut(tetrahedra=[0, number]),
+    ):  # fmt: skip
+        with pytest.raises(gs.errors.TopologyError, match=f"tetrahedron {number} is out of range"):
+            attempt()
+    assert_same_bits(before, bits_of(sim))
