@@ -84,8 +84,7 @@ def test_certifying_a_seed_again_gives_the_shipped_certificate():
     scenes = load_scenes("box-48", "validation")
     again = certify.certify(scenes.config, scenes.seeds[0])
     shipped = scenes[0].certificate
-    # Orders that strain the body alike to the last digits are told apart by round-off alone: any of them will do.
-    assert again.plan == shipped.plan
+    assert again.order == shipped.order
     assert again.load_factor == pytest.approx(shipped.load_factor, rel=1e-9)
     assert again.peak_strain == pytest.approx(shipped.peak_strain, rel=1e-9)
     assert again.lowest_volume_ratio == pytest.approx(shipped.lowest_volume_ratio, rel=1e-9)
