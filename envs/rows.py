@@ -24,6 +24,7 @@ from envs.measuring import measure
 from envs.observation_kernel import Observation, observe
 from envs.scene import Scene
 from envs.stage import Stage
+from envs.task import settle_step
 from gmapspring.arena import Arena, SavedRow, Tenancy, shared_part
 from gmapspring.batch import RowBody
 from gmapspring.body import Material
@@ -78,7 +79,7 @@ class RowSettings(NamedTuple):
 def start_of(stage: Stage) -> Start:
     """Return what rows need of a stage; the stage itself is not needed any longer."""
     task, scene = stage.task, stage.task.scene
-    seconds, longest = scene.physics.settle_seconds, task.simulation.stable_step
+    seconds, longest = scene.physics.settle_seconds, settle_step(task.simulation)
     n_substeps = float(substeps_for(seconds, longest))
     tolerance = NEVER if task.rest_tolerance is None else task.rest_tolerance
     limits = scene.limits

@@ -4,6 +4,7 @@ Certificates are made, and episodes are played, by exactly this class; what it d
 of which it has one (see arrays.py) and a batch of environments many (see rows.py).
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -247,8 +248,7 @@ class Resection:
         """Let time pass and measure; a state that stops being finite is a collapse, not an error."""
         self._diverged = False
         try:
-            # At the bound itself, without the usual margin: motion is damped, and certificates are checked in this very physics.
-            self.simulation.advance(seconds, self.simulation.stable_step, rest_tolerance)
+            self.simulation.advance(seconds, settle_step(self.simulation), rest_tolerance)
         except DivergenceError:
             self._diverged = True
         self._measure()
@@ -264,3 +264,12 @@ class Resection:
         self.outcome = collapse_reason(tissue, self.healthy_share, self.scene.limits)
         if self.outcome is None and not tissue.target_volume:
             self.outcome = SEPARATED
+
+
+def settle_step(simulation: Simulation) -> float:
+    """Return the substep [s] in which a body settles.
+
+    It is the stable step itself, without the usual margin: motion is damped, and certificates are checked in this very physics.
+    Where every step is stable, it is the default one.
+    """
+    return simulation.stable_step if math.isfinite(simulation.stable_step) else simulation.default_step

@@ -15,10 +15,11 @@ import numpy as np
 
 from gmapspring.arena import COUNTS, PER_NODE, PER_SPRING, SCRATCH, SHARED, WHOLE, Arena
 from gmapspring.body import Body, BodyArrays, Material
-from gmapspring.errors import CapacityError, StabilityError
+from gmapspring.errors import CapacityError
 from gmapspring.matter import Matter, Nodes, Springs, Tetrahedra, empty_matter, empty_nodes, empty_springs, no_matter
 from gmapspring.mesh import Mesh
 from gmapspring.simulation import Simulation, substeps_for
+from gmapspring.stability import check_step
 from gmapspring.threads import Threads
 from gmapspring.topology.build import empty_gmap
 from gmapspring.topology.gmap import N_EDGES, N_VERTICES, GMap
@@ -94,6 +95,8 @@ class BodyBatch:
         self.arena = Arena(example, BODY_EXTENTS, len(simulations))
         self.stable_steps = np.zeros(len(simulations))
         """The largest substep [s] of each row whose small motions are proven stable, (n_rows,)."""
+        self.default_steps = np.zeros(len(simulations))
+        """The substep [s] of each row that is taken where none is asked for, (n_rows,)."""
         self._threads = Threads(n_threads)
         self.bodies = [self._placed(row, simulation) for row, simulation in enumerate(simulations)]
         """The bodies, to be cut and measured; `put` makes a new one."""
@@ -136,7 +139,7 @@ class BodyBatch:
         """
         n_rows = len(self.bodies)
         seconds = np.broadcast_to(np.asarray(seconds, np.float64), (n_rows,))
-        longest = np.broadcast_to(self.integrator.default_share * self.stable_steps if step is None else step, (n_rows,))
+        longest = np.broadcast_to(self.default_steps if step is None else step, (n_rows,))
         self._check(seconds, longest)
         n_substeps = substeps_for(seconds, longest).astype(np.int64)
         steps = seconds / np.maximum(n_substeps, 1)
@@ -155,13 +158,8 @@ class BodyBatch:
         """Raise for times that cannot be, and for steps that are not stable."""
         for row in np.flatnonzero(~(np.isfinite(seconds) & (seconds >= 0.0))):
             raise ValueError(f"row {row}: seconds must be finite and not negative, not {seconds[row]}")
-        for row in np.flatnonzero(~(longest > 0.0)):
-            raise ValueError(f"row {row}: step must be positive, not {longest[row]}")
-        for row in np.flatnonzero(longest > self.stable_steps):
-            raise StabilityError(
-                f"row {row}: a step of {longest[row]:.6g} s is above the stable step of {self.stable_steps[row]:.6g} s for "
-                f"{self.integrator.name}; leave it out to have it chosen"
-            )
+        for row in np.flatnonzero(~((longest > 0.0) & (longest <= self.stable_steps))):
+            check_step(longest[row], self.stable_steps[row], self.integrator.name, f"row {row}: ")
 
     def _placed(self, row: int, simulation: Simulation) -> RowBody:
         """Copy a body into a row; raise where it is of another kind, or might outgrow the row."""
@@ -173,7 +171,7 @@ class BodyBatch:
             )
         check_capacity(self.n_tetrahedra, body.mesh.n_tetrahedra, f"row {row}")
         self.arena.put(row, self.arena.tenancy(body.table[0], body), body.table, 0)
-        self.stable_steps[row] = simulation.stable_step
+        self.stable_steps[row], self.default_steps[row] = simulation.stable_step, simulation.default_step
         arrays = self.arena.view(row, BodyArrays(body.matter, body.gmap, body.room))
         return RowBody(body.mesh, body.material, arrays, self.table[row: row + 1])
 

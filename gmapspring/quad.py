@@ -48,6 +48,17 @@ def store(array: np.ndarray, i: int, start: int, quad: np.ndarray) -> None:
     array[i, start: start + LANES] = quad
 
 
+def dot(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the scalar product of two vectors: of the first three lanes."""
+    product = first * second
+    return (product[0] + product[1]) + product[2]
+
+
+def fourth(quad: np.ndarray) -> float:
+    """Return the last lane."""
+    return quad[3]
+
+
 @type_callable(load)
 def _type_load(context):
     def typer(array, i, start):
@@ -96,6 +107,32 @@ def _with_wide_indices(context, builder, sig, args):
 def _size(real) -> int:
     """Return the size of a number [bytes]."""
     return real.bitwidth // 8
+
+
+@type_callable(dot)
+def _type_dot(context):
+    def typer(first, second):
+        return first.real if isinstance(first, QuadType) and first == second else None
+    return typer
+
+
+@type_callable(fourth)
+def _type_fourth(context):
+    def typer(quad):
+        return quad.real if isinstance(quad, QuadType) else None
+    return typer
+
+
+@lower_builtin(dot, QuadType, QuadType)
+def _lower_dot(context, builder, sig, args):
+    product = builder.fmul(*args)
+    x, y, z = (builder.extract_element(product, ir.IntType(32)(lane)) for lane in range(3))
+    return builder.fadd(builder.fadd(x, y), z)
+
+
+@lower_builtin(fourth, QuadType)
+def _lower_fourth(context, builder, sig, args):
+    return builder.extract_element(args[0], ir.IntType(32)(3))
 
 
 @infer_global(operator.add)

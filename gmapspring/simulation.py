@@ -12,7 +12,7 @@ from gmapspring import stability, state_file
 from gmapspring.body import Body, Material, build_body
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
-from gmapspring.errors import DivergenceError, StabilityError
+from gmapspring.errors import DivergenceError
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.mesh import Mesh
 from gmapspring.snapshot import Snapshot, load_arrays, name_loads, save_arrays
@@ -59,25 +59,21 @@ class Simulation:
             self.set_loads(loads)
         self.stable_step = stability.stable_step(self.body, self.integrator)
         """The largest substep [s] whose small motions are proven stable, for this body and every body cut from it."""
+        self.default_step = stability.default_step(self.body, self.integrator)
+        """The substep [s] that `advance` takes where none is asked for; see Integrator.default_step."""
 
     def advance(self, seconds: float, step: float | None = None, rest_tolerance: float | None = None) -> int:
         """Simulate for some seconds in equal substeps, none longer than step; return how many were taken.
 
-        Without a step, it is the share of the stable one that the integrator keeps violent motion calm with. With a
+        Without a step, it is default_step, at which violent motion stays calm. With a
         rest_tolerance [m] the rest of the time is skipped once no node can move any further than that in it.
         Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
         body then holds its last finite state.
         """
         if not (math.isfinite(seconds) and seconds >= 0.0):
             raise ValueError(f"seconds must be finite and not negative, not {seconds}")
-        if step is not None and not step > 0.0:
-            raise ValueError(f"step must be positive, not {step}")
-        if step is not None and step > self.stable_step:
-            raise StabilityError(
-                f"a step of {step:.6g} s is above the stable step of {self.stable_step:.6g} s for {self.integrator.name}; "
-                "leave it out to have it chosen"
-            )
-        longest = self.integrator.default_share * self.stable_step if step is None else step
+        longest = self.default_step if step is None else step
+        stability.check_step(longest, self.stable_step, self.integrator.name)
         if rest_tolerance is not None and not rest_tolerance >= 0.0:
             raise ValueError(f"rest_tolerance must not be negative, not {rest_tolerance}")
         n_substeps = int(substeps_for(seconds, longest))
@@ -178,8 +174,8 @@ class Simulation:
 
 def substeps_for(seconds, longest):
     """Return how many equal substeps, none longer than the longest [s], some seconds take, one number or an array, as floats."""
-    # A whole number of steps up to round-off must not become one more.
-    return np.ceil(seconds / longest * (1.0 - 1e-12))
+    # A whole number of steps up to round-off must not become one more; where any step will do, one is taken.
+    return np.maximum(np.ceil(seconds / longest * (1.0 - 1e-12)), np.greater(seconds, 0.0))
 
 
 def _pinned_mask(pinned: np.ndarray | None, mesh: Mesh) -> np.ndarray:

@@ -12,7 +12,7 @@ tetrahedron's six springs, once for each axis: a bound at large deformation too.
 
 What it says: small motions about any state, however deformed, do not grow by the scheme's doing. What it does not say: that
 energy stays bounded in violent motion, where stiffness and the directions of damping change by much within a few steps; hence
-Integrator.default_share.
+Integrator.default_step.
 """
 
 import math
@@ -22,7 +22,8 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from gmapspring.body import Body
-from gmapspring.integrators import Integrator
+from gmapspring.errors import StabilityError
+from gmapspring.integrators import Integrator, Limits
 from gmapspring.jit import kernel, part
 
 N_SWEEPS = 12
@@ -103,17 +104,17 @@ def rotate(matrix, p, q):
             matrix[r, q] = matrix[q, r] = sine * first + cosine * second
 
 
-def element_damping_rates(body: Body) -> np.ndarray:
-    """Return the highest damping rate of each tetrahedron by itself, beta omega^2 + gamma [1/s], (n_tets,)."""
-    tetrahedra = body.tetrahedra
-    rates = np.zeros(len(tetrahedra.mass))
+def element_limits(body: Body) -> Limits:
+    """Return frequencies and damping rates of each tetrahedron by itself, each (n_tets,)."""
+    tetrahedra, frequency = body.tetrahedra, element_frequencies(body)
+    rate, drag = np.zeros((2, len(tetrahedra.mass)))
+    if len(tetrahedra.viscosity):
+        drag = tetrahedra.viscosity / tetrahedra.mass
     if len(tetrahedra.damping_modulus):
         # Without stiffness there is no damping in proportion to it either.
         modulus = np.where(tetrahedra.modulus > 0, tetrahedra.modulus, 1.0)
-        rates += tetrahedra.damping_modulus / modulus * element_frequencies(body) ** 2
-    if len(tetrahedra.viscosity):
-        rates += tetrahedra.viscosity / tetrahedra.mass
-    return rates
+        rate = tetrahedra.damping_modulus / modulus * frequency**2
+    return Limits(frequency, rate + drag, drag)
 
 
 def element_frequency(body: Body) -> float:
@@ -124,9 +125,31 @@ def element_frequency(body: Body) -> float:
 def stable_step(body: Body, integrator: Integrator) -> float:
     """Return the longest step [s] that is stable for the body and for all bodies cut from it.
 
-    It depends on mesh and material alone, so it is computed once. It is infinite where there is neither stiffness nor damping.
+    It depends on mesh and material alone, so it is computed once. It is infinite for schemes that are always stable and where
+    there is neither stiffness nor damping, and zero where the scheme is never stable.
     """
-    return integrator.stable_step(element_frequencies(body), element_damping_rates(body))
+    return integrator.stable_step(element_limits(body))
+
+
+def default_step(body: Body, integrator: Integrator) -> float:
+    """Return the step [s] that is taken where none is asked for; see Integrator.default_step."""
+    return integrator.default_step(element_limits(body))
+
+
+def check_step(step: float, stable: float, scheme: str, where: str = "") -> None:
+    """Raise unless a step [s] can be taken where so long a one is stable."""
+    if stable == 0.0:
+        raise StabilityError(
+            f"{where}{scheme} has no stable step for this body: some of it has stiffness and no viscosity, so that every "
+            "motion of it grows; give the material viscosity, or choose another integrator"
+        )
+    if not step > 0.0:
+        raise ValueError(f"{where}step must be positive, not {step}")
+    if step > stable:
+        raise StabilityError(
+            f"{where}a step of {step:.6g} s is above the stable step of {stable:.6g} s for {scheme}; "
+            "leave it out to have it chosen"
+        )
 
 
 def assembled_frequency(body: Body) -> float:

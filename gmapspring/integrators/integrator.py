@@ -10,8 +10,19 @@ from gmapspring.matter import N_NODES
 from gmapspring.quad import load, store
 
 
+class Limits(NamedTuple):
+    """What the elements of a body have by themselves, arrays over elements, or one number each."""
+
+    frequency: np.ndarray | float
+    """Highest frequency [rad/s]."""
+    damping_rate: np.ndarray | float = 0.0
+    """Highest damping rate, beta omega^2 + gamma [1/s]."""
+    drag: np.ndarray | float = 0.0
+    """Lowest damping rate, gamma [1/s]: springs do not damp what moves across them."""
+
+
 class Integrator(NamedTuple):
-    """One explicit time-stepping scheme; it moves nodes by the forces it is given and knows no springs."""
+    """One time-stepping scheme; it moves nodes by the forces it is given. Explicit ones know no springs."""
 
     name: str
     """What scenes and `Simulation` call it."""
@@ -19,12 +30,11 @@ class Integrator(NamedTuple):
     """The global error shrinks as step**order."""
     n_work: int
     """How many states like Nodes.state it needs room for."""
-    stable_step: Callable[[np.ndarray | float, np.ndarray | float], float]
-    """stable_step(omega, damping_rate) -> longest step [s] for a body of elements that have these highest frequencies
-    [rad/s] and highest damping rates, beta omega^2 + gamma [1/s]; arrays over elements, or one number each."""
-    default_share: float
-    """The part of the stable step to take where no step is asked for, below 1: near the bound, which is one for small motions,
-    violent undamped ones gain energy as stiffness swings. At this share they do not (see tests/stability)."""
+    stable_step: Callable[[Limits], float]
+    """stable_step(limits) -> longest step [s] at which small motions of a body with these limits do not grow."""
+    default_step: Callable[[Limits], float]
+    """default_step(limits) -> step [s] to take where none is asked for. Below the stable one: near that bound, which is one for
+    small motions, violent undamped ones gain energy as stiffness swings. At this step they do not (see tests/stability)."""
     advance: Callable[..., Any]
     """advance(table, rows, real, steps, n_substeps, tolerances, taken): kernel that takes all substeps of all rows in one call.
 

@@ -7,7 +7,7 @@ region: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996
 import numpy as np
 
 from gmapspring.forces import sum_forces
-from gmapspring.integrators.integrator import Integrator, begin, end, next_substeps
+from gmapspring.integrators.integrator import Integrator, Limits, begin, end, next_substeps
 from gmapspring.jit import kernel, part
 from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
 from gmapspring.quad import load, store
@@ -91,15 +91,15 @@ def last_stage(nodes, n_nodes, stage, total, weight):
         store(state, i, 4, load(total, i, 4) + weight * (inverse_mass[i] * load(force, i, 0)))
 
 
-def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> float:
-    """Return the longest stable step [s] of a body whose elements have these limits; infinite if nothing acts.
+def stable_step(limits: Limits) -> float:
+    """Return the longest stable step [s]; infinite if nothing acts.
 
     An eigenvalue z / h of M x'' + C x' + K x = 0 solves z^2 + h c z + h^2 k = 0 with c <= max(damping_rate) and
     k <= max(omega)^2, since both are Rayleigh quotients. So z is complex with |z| <= h omega and Re z >= -h c / 2, or real and at
     least -h c: it is kept inside RK4's stability region by the reaches above. The limits of a body are those of
     its elements taken apart, not element by element: an undamped stiff one may meet a damped soft one in one mode.
     """
-    fastest, most_damped = float(np.max(omega)), float(np.max(damping_rate))
+    fastest, most_damped = float(np.max(limits.frequency)), float(np.max(limits.damping_rate))
     if most_damped == 0.0:
         return IMAGINARY_REACH / fastest if fastest > 0.0 else np.inf
     if fastest == 0.0:
@@ -108,4 +108,9 @@ def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> 
     return min(swing, REAL_REACH / most_damped)
 
 
-RK4 = Integrator("rk4", order=4, n_work=2, stable_step=stable_step, default_share=0.8, advance=advance)
+def default_step(limits: Limits) -> float:
+    """Return the part of the stable step [s] at which violent motion gains no energy; see Integrator.default_step."""
+    return 0.8 * stable_step(limits)
+
+
+RK4 = Integrator("rk4", order=4, n_work=2, stable_step=stable_step, default_step=default_step, advance=advance)

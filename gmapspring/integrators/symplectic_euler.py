@@ -6,7 +6,7 @@ Source: E. Hairer, C. Lubich, G. Wanner, "Geometric Numerical Integration", 2006
 import numpy as np
 
 from gmapspring.forces import sum_forces
-from gmapspring.integrators.integrator import Integrator, begin, end, next_substeps
+from gmapspring.integrators.integrator import Integrator, Limits, begin, end, next_substeps
 from gmapspring.jit import kernel, part
 from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
 from gmapspring.quad import load, store
@@ -41,18 +41,24 @@ def take_substeps(matter, step, n_substeps):
             store(state, i, 0, load(state, i, 0) + step * velocity)
 
 
-def stable_step(omega: np.ndarray | float, damping_rate: np.ndarray | float) -> float:
+def stable_step(limits: Limits) -> float:
     """Return the longest stable step [s]: (h omega)^2 + 2 h damping_rate <= 4 for every element; infinite if nothing acts.
 
     A mode x of M x'' + C x' + K x = 0 steps by (z - 1)^2 + h c (z - 1) + h^2 k z = 0 with c = x*Cx / x*Mx and k = x*Kx / x*Mx,
     whether or not C and K share their modes. By Jury's criterion |z| <= 1 if and only if h^2 k + 2 h c <= 4. The left side
     is a Rayleigh quotient of h^2 K + 2 h C, so it is at most the largest of the elements' own.
     """
-    omega, damping_rate = np.asarray(omega, dtype=np.float64), np.asarray(damping_rate, dtype=np.float64)
+    omega, damping_rate = np.asarray(limits.frequency, np.float64), np.asarray(limits.damping_rate, np.float64)
     # The positive root, in the form without cancellation; with neither stiffness nor damping there is no limit.
     with np.errstate(divide="ignore"):
         steps = 4.0 / (damping_rate + np.sqrt(damping_rate**2 + 4.0 * omega**2))
     return float(np.min(steps))
 
 
-SYMPLECTIC_EULER = Integrator("symplectic_euler", order=1, n_work=0, stable_step=stable_step, default_share=0.5, advance=advance)
+def default_step(limits: Limits) -> float:
+    """Return the part of the stable step [s] at which violent motion gains no energy; see Integrator.default_step."""
+    return 0.5 * stable_step(limits)
+
+
+SYMPLECTIC_EULER = Integrator("symplectic_euler", order=1, n_work=0, stable_step=stable_step, default_step=default_step,
+                              advance=advance)  # fmt: skip
