@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from scipy.optimize import fsolve
 
 from tests.naive import EDGES
 
@@ -149,4 +150,30 @@ def rk4_step(system, position, velocity, step):
     return position + step / 6 * (x1 + 2 * x2 + 2 * x3 + x4), velocity + step / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
 
 
-SCHEMES = {"symplectic_euler": symplectic_euler_step, "rk4": rk4_step}
+def explicit_euler_step(system, position, velocity, step):
+    """Kick with the force at the old place, and drift with the old velocity."""
+    return position + step * velocity, velocity + step * acceleration(system, position, velocity)
+
+
+def velocity_verlet_step(system, position, velocity, step):
+    """Kick, drift, kick; the last kick with the force at the velocity that it nearly ends with."""
+    velocity = velocity + step / 2 * acceleration(system, position, velocity)
+    position = position + step * velocity
+    late = velocity + step / 2 * acceleration(system, position, velocity)
+    return position, velocity + step / 2 * acceleration(system, position, late)
+
+
+def backward_euler_step(system, position, velocity, step):
+    """Drift with the new velocity, which is the old one kicked with the force at the new place: by SciPy's root finder."""
+
+    def excess(flat):
+        """Return the new velocity less what it should be."""
+        late = flat.reshape(velocity.shape)
+        return (late - velocity - step * acceleration(system, position + step * late, late)).ravel()
+
+    late = fsolve(excess, velocity.ravel(), xtol=1e-13).reshape(velocity.shape)
+    return position + step * late, late
+
+
+SCHEMES = {"symplectic_euler": symplectic_euler_step, "rk4": rk4_step, "explicit_euler": explicit_euler_step,
+           "velocity_verlet": velocity_verlet_step, "backward_euler": backward_euler_step}  # fmt: skip

@@ -82,7 +82,7 @@ def test_rows_are_single_environments_on_a_shipped_level_too():
     assert play_both(batch, single, 40) > 0
 
 
-@pytest.mark.parametrize("integrator", ["rk4", "symplectic_euler"])
+@pytest.mark.parametrize("integrator", ["rk4", "symplectic_euler", "backward_euler"])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_rows_are_single_environments_in_any_precision_and_by_any_integrator(integrator, dtype):
     physics = SCENES[0].physics.model_copy(update={"integrator": integrator, "dtype": dtype, "damping": 1e-4})
