@@ -12,6 +12,9 @@ their fixed order. The preconditioner is the 3 x 3 block of each node, factored:
 """
 
 import math
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from gmapspring.jit import part
 from gmapspring.quad import dot, fourth, load, store
@@ -20,14 +23,50 @@ N_ITERATIONS = 1000
 """Conjugate gradients gives up after so many; what it then has is a descent all the same."""
 X, Y = 0, 4
 """Where the two vectors of a row of eight start."""
+N_WORK = 4
+"""States of scratch that a system needs: three, and one for the blocks of springs, of which there is room for 3/2 a node."""
+
+
+class System(NamedTuple):
+    """A linear system A d = r and the room to solve it in. All arrays have rows of eight, one for each node save blocks."""
+
+    nodes: Any
+    springs: Any
+    n_nodes: int
+    n_springs: int
+    step: float
+    """h [s]."""
+    residual: np.ndarray
+    """Lanes X: r [N s], destroyed by solving. Lanes Y: the direction of search."""
+    answer: np.ndarray
+    """Lanes Y: d [m/s]. Lanes X: scratch."""
+    factors: np.ndarray
+    """The preconditioner, blocks of nodes as L D L^T: [l10 l20 l21 0 1/d0 1/d1 1/d2 0]; 1/d = 0 where pinned."""
+    blocks: np.ndarray
+    """Blocks of springs, [qx qy qz t]: spring s has lanes 4 (s % 2) on of row s // 2."""
 
 
 @part
-def set_blocks(springs, n_springs, state, step, blocks):
-    """Set the blocks [qx qy qz t] of springs in a state; spring s has lanes 4 (s % 2) on of row s // 2, blocks (_, 8)."""
-    number = state.dtype.type
+def make_system(nodes, springs, n_nodes, n_springs, step, work):
+    """Return a system with its arrays in work (_, 8)."""
+    return System(nodes, springs, n_nodes, n_springs, step, work[:n_nodes], work[n_nodes: 2 * n_nodes],
+                  work[2 * n_nodes: 3 * n_nodes], work[3 * n_nodes:])  # fmt: skip
+
+
+@part
+def set_matrix(system, state):
+    """Set A for springs as they are in a state (_, 8), and its preconditioner."""
+    set_blocks(system, state)
+    add_up_diagonal(system)
+    factor_diagonal(system)
+
+
+@part
+def set_blocks(system, state):
+    """Set the blocks of springs."""
+    springs, step, blocks, number = system.springs, system.step, system.blocks, state.dtype.type
     is_damped = springs.damping.shape[0] > 0
-    for s in range(n_springs):
+    for s in range(system.n_springs):
         row, lane = s >> 1, (s & 1) << 2
         i, j = springs.endpoints[s, 0], springs.endpoints[s, 1]
         x, y, z = state[j, 0] - state[i, 0], state[j, 1] - state[i, 1], state[j, 2] - state[i, 2]
@@ -46,25 +85,31 @@ def set_blocks(springs, n_springs, state, step, blocks):
 
 
 @part
-def factor_diagonal(nodes, springs, n_nodes, n_springs, step, blocks, factors):
-    """Set the preconditioner (_, 8), blocks of nodes as L D L^T: [l10 l20 l21 0 1/d0 1/d1 1/d2 0]; 1/d = 0 where pinned."""
-    number = factors.dtype.type
-    for i in range(n_nodes):
+def add_up_diagonal(system):
+    """Set factors to the springs' share of each node's block of A, [xy xz yz 0 xx yy zz 0]."""
+    factors, blocks, endpoints = system.factors, system.blocks, system.springs.endpoints
+    for i in range(system.n_nodes):
         for lane in range(8):
-            factors[i, lane] = number(0)
-    for s in range(n_springs):
+            factors[i, lane] = factors.dtype.type(0)
+    for s in range(system.n_springs):
         row, lane = s >> 1, (s & 1) << 2
         x, y, z, across = blocks[row, lane], blocks[row, lane + 1], blocks[row, lane + 2], blocks[row, lane + 3]
         for end in range(2):
-            i = springs.endpoints[s, end]
+            i = endpoints[s, end]
             factors[i, 0] += x * y
             factors[i, 1] += x * z
             factors[i, 2] += y * z
             factors[i, 4] += x * x + across
             factors[i, 5] += y * y + across
             factors[i, 6] += z * z + across
-    for i in range(n_nodes):
-        least = inertia(nodes, i, step)
+
+
+@part
+def factor_diagonal(system):
+    """Put the factors of each node's block in place of the block."""
+    factors, is_pinned = system.factors, system.nodes.is_pinned
+    for i in range(system.n_nodes):
+        least = inertia(system, i)
         a10, a20, a21 = factors[i, 0], factors[i, 1], factors[i, 2]
         d0 = factors[i, 4] + least
         l10, l20 = a10 / d0, a20 / d0
@@ -72,17 +117,17 @@ def factor_diagonal(nodes, springs, n_nodes, n_springs, step, blocks, factors):
         d1 = max(factors[i, 5] + least - l10 * a10, least)
         l21 = (a21 - l20 * a10) / d1
         d2 = max(factors[i, 6] + least - l20 * a20 - l21 * (l21 * d1), least)
-        is_free = number(not nodes.is_pinned[i])
+        is_free = factors.dtype.type(not is_pinned[i])
         factors[i, 0], factors[i, 1], factors[i, 2] = l10, l20, l21
         factors[i, 4], factors[i, 5], factors[i, 6] = is_free / d0, is_free / d1, is_free / d2
 
 
 @part
-def inertia(nodes, i, step):
+def inertia(system, i):
     """Return what a node alone resists a change of its velocity with: mass and drag over the step [kg]."""
-    number = nodes.state.dtype.type
-    mass = number(nodes.mass[i])
-    return mass + step * nodes.viscosity[i] if nodes.viscosity.shape[0] > 0 else mass
+    nodes = system.nodes
+    mass = nodes.state.dtype.type(nodes.mass[i])
+    return mass + system.step * nodes.viscosity[i] if nodes.viscosity.shape[0] > 0 else mass
 
 
 @part
@@ -99,61 +144,62 @@ def precondition(factors, i, residual):
 
 
 @part
-def multiply(nodes, springs, n_nodes, n_springs, step, blocks, vectors, products):
-    """Set lanes 0 to 3 of products to A times lanes 4 to 7 of vectors, both (_, 8)."""
-    for i in range(n_nodes):
-        store(products, i, X, inertia(nodes, i, step) * load(vectors, i, Y))
-    for s in range(n_springs):
-        i, j = springs.endpoints[s, 0], springs.endpoints[s, 1]
-        difference = load(vectors, j, Y) - load(vectors, i, Y)
+def multiply(system):
+    """Set lanes X of the answer to A times the direction."""
+    direction, product, blocks, endpoints = system.residual, system.answer, system.blocks, system.springs.endpoints
+    for i in range(system.n_nodes):
+        store(product, i, X, inertia(system, i) * load(direction, i, Y))
+    for s in range(system.n_springs):
+        i, j = endpoints[s, 0], endpoints[s, 1]
+        difference = load(direction, j, Y) - load(direction, i, Y)
         block = load(blocks, s >> 1, (s & 1) << 2)
-        # The last lane of vectors is zero, that of products is not used.
+        # The last lane of a direction is zero, that of the product is not used.
         pull = fourth(block) * difference + dot(block, difference) * block
-        store(products, i, X, load(products, i, X) - pull)
-        store(products, j, X, load(products, j, X) + pull)
+        store(product, i, X, load(product, i, X) - pull)
+        store(product, j, X, load(product, j, X) + pull)
 
 
 @part
-def solve(nodes, springs, n_nodes, n_springs, step, blocks, factors, system, steps, share):
-    """Solve A d = r by conjugate gradients until the residual is a share of r; return r . d.
+def solve(system, share):
+    """Solve A d = r by conjugate gradients until a share of the residual is left; return r . d.
 
-    system (_, 8): r in lanes 0 to 3, which is destroyed, scratch in the others. steps (_, 8): scratch, and d in lanes 4 to 7.
     Source: Y. Saad, "Iterative Methods for Sparse Linear Systems", 2003, algorithm 9.1.
     """
-    number = system.dtype.type
-    size = number(0)
-    zero = number(0)
-    for i in range(n_nodes):
+    residual, answer = system.residual, system.answer
+    zero = residual.dtype.type(0)
+    size = zero
+    for i in range(system.n_nodes):
         for lane in range(8):
-            steps[i, lane] = zero
-        z0, z1, z2 = precondition(factors, i, system)
-        system[i, 4], system[i, 5], system[i, 6], system[i, 7] = z0, z1, z2, zero
-        size += dot(load(system, i, X), load(system, i, Y))
+            answer[i, lane] = zero
+        z0, z1, z2 = precondition(system.factors, i, residual)
+        residual[i, 4], residual[i, 5], residual[i, 6], residual[i, 7] = z0, z1, z2, zero
+        size += dot(load(residual, i, X), load(residual, i, Y))
     goal, gained = share * share * size, zero
     for _ in range(N_ITERATIONS):
         if not size > goal:
             break
-        multiply(nodes, springs, n_nodes, n_springs, step, blocks, system, steps)
+        multiply(system)
         curvature = zero
-        for i in range(n_nodes):
-            curvature += dot(load(system, i, Y), load(steps, i, X))
+        for i in range(system.n_nodes):
+            curvature += dot(load(residual, i, Y), load(answer, i, X))
         length = size / curvature
         gained += length * size
-        size = descend(n_nodes, factors, system, steps, length, size)
+        size = descend(system, length, size)
     return gained
 
 
 @part
-def descend(n_nodes, factors, system, steps, length, size):
+def descend(system, length, size):
     """Go along the direction, then turn it; return the new size of the residual, r . z."""
-    before, size = size, system.dtype.type(0)
-    for i in range(n_nodes):
-        store(steps, i, Y, load(steps, i, Y) + length * load(system, i, Y))
-        store(system, i, X, load(system, i, X) - length * load(steps, i, X))
-        z0, z1, z2 = precondition(factors, i, system)
-        steps[i, 0], steps[i, 1], steps[i, 2], steps[i, 3] = z0, z1, z2, system.dtype.type(0)
-        size += dot(load(system, i, X), load(steps, i, X))
+    residual, answer = system.residual, system.answer
+    before, size = size, residual.dtype.type(0)
+    for i in range(system.n_nodes):
+        store(answer, i, Y, load(answer, i, Y) + length * load(residual, i, Y))
+        store(residual, i, X, load(residual, i, X) - length * load(answer, i, X))
+        z0, z1, z2 = precondition(system.factors, i, residual)
+        answer[i, 0], answer[i, 1], answer[i, 2], answer[i, 3] = z0, z1, z2, residual.dtype.type(0)
+        size += dot(load(residual, i, X), load(answer, i, X))
     turn = size / before
-    for i in range(n_nodes):
-        store(system, i, Y, load(steps, i, X) + turn * load(system, i, Y))
+    for i in range(system.n_nodes):
+        store(residual, i, Y, load(answer, i, X) + turn * load(residual, i, Y))
     return size

@@ -15,7 +15,7 @@ from gmapspring.integrators.integrator import Integrator, Limits, begin, end, ne
 from gmapspring.jit import kernel, part
 from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
 from gmapspring.quad import dot, load, store
-from gmapspring.spring_matrix import X, Y, factor_diagonal, set_blocks, solve
+from gmapspring.spring_matrix import N_WORK, X, Y, make_system, set_matrix, solve
 
 N_CORRECTIONS = 50
 """Newton's method gives up after so many; the state it then has is finite, and less exact."""
@@ -48,27 +48,91 @@ def advance(table, rows, real, steps, n_substeps, tolerances, taken):
 @part
 def take_substeps(matter, step, n_substeps):
     """Take n_substeps, each a root of the equation above."""
-    nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
-    state, work = nodes.state, matter.work
-    stage, system, steps = work[:n_nodes], work[n_nodes: 2 * n_nodes], work[2 * n_nodes: 3 * n_nodes]
-    factors, blocks = work[3 * n_nodes: 4 * n_nodes], work[4 * n_nodes:]
-    number = state.dtype.type
+    nodes, n_nodes = matter.nodes, matter.counts[N_NODES]
+    stage = matter.work[:n_nodes]
+    system = make_system(nodes, matter.springs, n_nodes, matter.counts[N_SPRINGS], step, matter.work[n_nodes:])
+    number = stage.dtype.type
     accuracy = number(ACCURACY * ACCURACY)
     for _ in range(n_substeps):
         for i in range(n_nodes):
-            store(stage, i, 4, load(state, i, 4))
-        size = find_residual(nodes, springs, n_nodes, n_springs, step, stage, system)
-        exact, floor = accuracy * liveliness(nodes, n_nodes, step, stage), number(0)
+            store(stage, i, 4, load(nodes.state, i, 4))
+        size = find_residual(system, stage)
+        exact, floor = accuracy * liveliness(system, stage), number(0)
         for _ in range(N_CORRECTIONS):
             if not size > max(exact, floor):
                 break
-            set_blocks(springs, n_springs, stage, step, blocks)
-            factor_diagonal(nodes, springs, n_nodes, n_springs, step, blocks, factors)
-            floor = round_off(nodes, n_nodes, step, stage, factors)
-            slope = solve(nodes, springs, n_nodes, n_springs, step, blocks, factors, system, steps, number(SHARE))
-            size = correct(nodes, springs, n_nodes, n_springs, step, stage, system, steps, slope)
-            exact = accuracy * liveliness(nodes, n_nodes, step, stage)
+            set_matrix(system, stage)
+            slope = solve(system, number(SHARE))
+            size = correct(system, stage, slope)
+            exact, floor = accuracy * liveliness(system, stage), round_off(system, stage)
         finish(nodes, n_nodes, step, stage, size <= exact)
+
+
+@part
+def find_residual(system, stage):
+    """Move the stage to where its velocity leads and set r = h F - M (v' - v) [N s]; return r . M^-1 r [J]."""
+    nodes, step, number = system.nodes, system.step, stage.dtype.type
+    for i in range(system.n_nodes):
+        store(stage, i, 0, load(nodes.state, i, 0) + step * load(stage, i, 4))
+    sum_forces(nodes, system.springs, system.n_nodes, system.n_springs, stage, nodes.force)
+    size = number(0)
+    for i in range(system.n_nodes):
+        gained = number(nodes.mass[i]) * (load(stage, i, 4) - load(nodes.state, i, 4))
+        residual = step * load(nodes.force, i, 0) - gained
+        store(system.residual, i, X, residual)
+        size += nodes.inverse_mass[i] * dot(residual, residual)
+    return size
+
+
+@part
+def correct(system, stage, slope):
+    """Correct the stage by d, or by a half, a quarter, ... of it where d leads uphill in the end; return the new r . M^-1 r.
+
+    Along d the residual starts as r . d = slope > 0. Past the lowest point it is negative: half the slope there is too far.
+    """
+    number = stage.dtype.type
+    share, size = number(1), number(0)
+    for i in range(system.n_nodes):
+        store(stage, i, 4, load(stage, i, 4) + load(system.answer, i, Y))
+    for _ in range(N_HALVINGS):
+        size = find_residual(system, stage)
+        last_slope = number(0)
+        for i in range(system.n_nodes):
+            last_slope += dot(load(system.residual, i, X), load(system.answer, i, Y))
+        if not last_slope < number(-0.5) * slope:
+            break
+        share *= number(0.5)
+        for i in range(system.n_nodes):
+            store(stage, i, 4, load(stage, i, 4) - share * load(system.answer, i, Y))
+    return size
+
+
+@part
+def liveliness(system, stage):
+    """Return the size of what residuals are small by: momenta at both ends of the step, impulses from outside; p . M^-1 p [J]."""
+    nodes, number = system.nodes, stage.dtype.type
+    size = number(0)
+    for i in range(system.n_nodes):
+        before, after = load(nodes.state, i, 4), load(stage, i, 4)
+        size += number(nodes.mass[i]) * (dot(before, before) + dot(after, after))
+    if nodes.external.shape[0] > 0:
+        for i in range(system.n_nodes):
+            impulse = system.step * load(nodes.external, i, 0)
+            size += nodes.inverse_mass[i] * dot(impulse, impulse)
+    return size
+
+
+@part
+def round_off(system, stage):
+    """Return the size of residuals that round-off alone makes: of positions, eps |x|, times the matrix over the step [J]."""
+    nodes, factors, number = system.nodes, system.factors, stage.dtype.type
+    size, unit = number(0), number(np.finfo(stage.dtype).eps) / system.step
+    for i in range(system.n_nodes):
+        if not nodes.is_pinned[i]:
+            position = unit * load(stage, i, 0)
+            largest = number(1) / min(factors[i, 4], factors[i, 5], factors[i, 6])
+            size += nodes.inverse_mass[i] * (largest * largest) * dot(position, position)
+    return size
 
 
 @part
@@ -85,74 +149,6 @@ def finish(nodes, n_nodes, step, stage, is_exact):
         store(state, i, 0, load(state, i, 0) + step * velocity)
 
 
-@part
-def find_residual(nodes, springs, n_nodes, n_springs, step, stage, system):
-    """Move the stage to where its velocity leads, set lanes 0 to 3 of system to r = h F - M (v' - v); return r . M^-1 r [J]."""
-    state, force = nodes.state, nodes.force
-    for i in range(n_nodes):
-        store(stage, i, 0, load(state, i, 0) + step * load(stage, i, 4))
-    sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
-    size = state.dtype.type(0)
-    for i in range(n_nodes):
-        mass = state.dtype.type(nodes.mass[i])
-        residual = step * load(force, i, 0) - mass * (load(stage, i, 4) - load(state, i, 4))
-        store(system, i, X, residual)
-        size += nodes.inverse_mass[i] * dot(residual, residual)
-    return size
-
-
-@part
-def liveliness(nodes, n_nodes, step, stage):
-    """Return the size of what residuals are small by: momenta at both ends of the step, impulses from outside; p . M^-1 p [J]."""
-    state, external = nodes.state, nodes.external
-    number = state.dtype.type
-    size = number(0)
-    for i in range(n_nodes):
-        before, after = load(state, i, 4), load(stage, i, 4)
-        size += number(nodes.mass[i]) * (dot(before, before) + dot(after, after))
-    if external.shape[0] > 0:
-        for i in range(n_nodes):
-            impulse = step * load(external, i, 0)
-            size += nodes.inverse_mass[i] * dot(impulse, impulse)
-    return size
-
-
-@part
-def round_off(nodes, n_nodes, step, stage, factors):
-    """Return the size of residuals that round-off alone makes: of positions, eps |x|, times the matrix over the step [J]."""
-    number = stage.dtype.type
-    size, unit = number(0), number(np.finfo(stage.dtype).eps) / step
-    for i in range(n_nodes):
-        if not nodes.is_pinned[i]:
-            position = load(stage, i, 0)
-            largest = number(1) / min(factors[i, 4], factors[i, 5], factors[i, 6])
-            size += nodes.inverse_mass[i] * (unit * unit) * (largest * largest) * dot(position, position)
-    return size
-
-
-@part
-def correct(nodes, springs, n_nodes, n_springs, step, stage, system, steps, slope):
-    """Correct the stage by d, or by a half, a quarter, ... of it where d leads uphill in the end; return the new size of r.
-
-    Along d the residual starts as r . d = slope > 0. Past the lowest point it is negative: half the slope there is too far.
-    """
-    number = stage.dtype.type
-    share, size = number(1), number(0)
-    for i in range(n_nodes):
-        store(stage, i, 4, load(stage, i, 4) + load(steps, i, Y))
-    for _ in range(N_HALVINGS):
-        size = find_residual(nodes, springs, n_nodes, n_springs, step, stage, system)
-        end_slope = number(0)
-        for i in range(n_nodes):
-            end_slope += dot(load(system, i, X), load(steps, i, Y))
-        if not end_slope < number(-0.5) * slope:
-            break
-        share *= number(0.5)
-        for i in range(n_nodes):
-            store(stage, i, 4, load(stage, i, 4) - share * load(steps, i, Y))
-    return size
-
-
 def stable_step(limits: Limits) -> float:
     """Return infinity: with k, c >= 0 the roots of (1 + h c + h^2 k) z^2 - (2 + h c) z + 1 = 0 have |z| <= 1 at any step h."""
     return np.inf
@@ -163,5 +159,5 @@ def default_step(limits: Limits) -> float:
     return STEPS_OF_EXPLICIT * symplectic_euler.stable_step(limits)
 
 
-BACKWARD_EULER = Integrator("backward_euler", order=1, n_work=5, stable_step=stable_step, default_step=default_step,
+BACKWARD_EULER = Integrator("backward_euler", order=1, n_work=1 + N_WORK, stable_step=stable_step, default_step=default_step,
                             advance=advance)  # fmt: skip
