@@ -102,7 +102,8 @@ def test_quads_are_rounded_lane_by_lane_like_numbers(dtype):
 @without_compiler
 @pytest.mark.parametrize(
     ("dtype", "scheme", "has_damping"),
-    [("float64", "rk4", True), ("float32", "symplectic_euler", False), pytest.param("float64", "backward_euler", True, marks=pytest.mark.slow)],
+    [("float64", "rk4", True), ("float32", "symplectic_euler", False),
+     pytest.param("float64", "backward_euler", True, marks=pytest.mark.slow)],  # fmt: skip
 )
 def test_trajectories_have_the_same_bits_on_every_instruction_set(dtype, scheme, has_damping):
     program = ("import numpy as np; from tests.unit.test_spring_kernel import trajectory_digest; "
