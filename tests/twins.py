@@ -3,7 +3,6 @@
 import numpy as np
 
 import gmapspring as gs
-from gmapspring.integrators import INTEGRATORS
 from gmapspring.topology import gmap as maps
 from tests import naive_links, naive_mechanics
 from tests.naive import EDGES, NaiveBody, same_partition
@@ -85,7 +84,7 @@ class Twins:
         """Advance both by some steps of a fifth of the stable step, or of what symplectic Euler could take."""
         step = 0.2 * self.sim.stable_step
         if np.isinf(step):
-            step = 0.2 * gs.stability.stable_step(self.sim.body, INTEGRATORS["symplectic_euler"])
+            step = 0.2 * gs.stability.stable_step(self.sim.body, gs.simulation.INTEGRATORS["symplectic_euler"])
         before = self.sim.n_substeps
         self.sim.advance(n_steps * step, step=step)
         assert self.sim.n_substeps - before == n_steps

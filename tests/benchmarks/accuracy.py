@@ -15,10 +15,14 @@ from rich.console import Console
 
 from gmapspring.paths import write_atomically
 from tests.benchmarks import machine
+from tests.benchmarks.studies import continuum, drift
 from tests.benchmarks.study import SECTION, Plan, Run, write_study
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
-STUDIES: dict[str, Run] = {}
+STUDIES: dict[str, Run] = {
+    "continuum": continuum.run,
+    "drift": drift.run,
+}
 """Studies by the names that --only takes, in the order of the page. To add one: write its file in studies/ and enter it here."""
 
 
@@ -27,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = parser().parse_args(arguments)
     console = Console()
     folder = parsed.out / "quick" if parsed.quick else parsed.out
+    folder.mkdir(parents=True, exist_ok=True)
     names = parsed.only or [name for name in STUDIES if parsed.restart or not (folder / name / SECTION).exists()]
     failed = []
     for name in names:

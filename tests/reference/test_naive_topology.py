@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import gmapspring as gs
-from gmapspring.integrators import INTEGRATORS
 from gmapspring.topology import gmap as maps
 from tests import naive_links, naive_mechanics, zoo
 from tests.bits import assert_same_bits, bits_of
@@ -34,7 +33,7 @@ def test_fast_equals_naive_while_a_body_is_taken_apart_face_by_face(name):
     assert twins.sim.body.n_nodes == 4 * twins.mesh.n_tetrahedra
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("integrator", gs.simulation.INTEGRATORS)
 @pytest.mark.parametrize("name", ["two", "ring", "torus", "cubes_sharing_an_edge"])
 def test_fast_moves_as_naive_between_cuts(name, integrator):
     twins, rng = Twins(zoo.build(name), seed=7, integrator=integrator), np.random.default_rng(8)
