@@ -32,24 +32,28 @@ def two_tetrahedra(size: float = 1.0) -> Mesh:
     return _oriented(points * (size / np.sqrt(3.0)), np.array([(0, 1, 2, 3), (0, 1, 2, 4)]))
 
 
-def box(shape: Sequence[int], spacing: float = 1.0) -> Mesh:
+def box(shape: Sequence[int], spacing: float = 1.0, is_mirrored: bool = False) -> Mesh:
     """Return a box of cubes, each cut into six tetrahedra round its diagonal (Kuhn, 1960).
 
     Args:
         shape: number of cubes along x, y and z, each at least 1.
         spacing: edge length of a cube [m].
+        is_mirrored: cut each cube as the mirror image of its neighbours, so that diagonals run all ways alike (Todd, 1976, J1);
+            else they run one way, along which springs make the box stiffer: see docs/accuracy.md.
 
-    The cubes are all cut alike, so their faces match; cube (i, j, k) owns six consecutive tetrahedra, k fastest.
+    Faces of neighbours match either way; cube (i, j, k) owns six consecutive tetrahedra, k fastest.
     """
     counts = _checked_counts(shape)
     _check_positive("spacing", spacing)
     points = spacing * np.stack(np.meshgrid(*(np.arange(n + 1.0) for n in counts), indexing="ij"), axis=-1)
     strides = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
-    cubes = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3) @ strides
-    # A path along the three axes, in each of the six orders, from the cube's first corner to its last.
-    paths = np.array([np.concatenate([[0], np.cumsum(strides[list(order)])]) for order in _ORDERS])
-    tetrahedra = (cubes[:, None, None] + paths).reshape(-1, 4)
-    return _oriented(points.reshape(-1, 3), tetrahedra)
+    cubes = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    is_turned = cubes % 2 if is_mirrored else np.zeros_like(cubes)
+    # A path along the three axes, in each of the six orders, from the cube's first corner to its last; from mirrored ones back.
+    steps = ((1 - 2 * is_turned) * strides)[:, np.array(_ORDERS)]
+    firsts = ((cubes + is_turned) @ strides)[:, None, None]
+    tetrahedra = np.concatenate([np.broadcast_to(firsts, (*steps.shape[:2], 1)), firsts + np.cumsum(steps, axis=2)], axis=2)
+    return _oriented(points.reshape(-1, 3), tetrahedra.reshape(-1, 4))
 
 
 def ball(n_shells: int = 3, radius: float = 1.0) -> Mesh:

@@ -91,9 +91,10 @@ def test_two_tetrahedra_share_one_face():
     assert lengths == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("is_mirrored", [False, True])
 @pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 4), (5, 1, 2)])
-def test_a_box_is_cut_into_six_equal_tetrahedra_per_cube(shape):
-    mesh = meshes.box(shape, spacing=0.01)
+def test_a_box_is_cut_into_six_equal_tetrahedra_per_cube(shape, is_mirrored):
+    mesh = meshes.box(shape, 0.01, is_mirrored)
     assert mesh.n_tetrahedra == 6 * np.prod(shape)
     assert mesh.n_points == np.prod(np.add(shape, 1))
     assert mesh.volumes == pytest.approx(0.01**3 / 6)
@@ -102,10 +103,21 @@ def test_a_box_is_cut_into_six_equal_tetrahedra_per_cube(shape):
     assert_is_one_ball(mesh)
 
 
-def test_each_cube_of_a_box_owns_six_consecutive_tetrahedra():
-    mesh = meshes.box((2, 3, 4))
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_each_cube_of_a_box_owns_six_consecutive_tetrahedra(is_mirrored):
+    mesh = meshes.box((2, 3, 4), is_mirrored=is_mirrored)
     cubes = mesh.points[mesh.tetrahedra].reshape(-1, 24, 3).min(axis=1)
     assert np.array_equal(cubes, np.stack(np.meshgrid(range(2), range(3), range(4), indexing="ij"), -1).reshape(-1, 3))
+
+
+@pytest.mark.parametrize(("is_mirrored", "n_ways"), [(False, 1), (True, 4)])
+def test_the_space_diagonals_of_a_mirrored_box_run_all_ways_and_of_a_plain_one_the_same_way(is_mirrored, n_ways):
+    mesh = meshes.box((2, 2, 2), is_mirrored=is_mirrored)
+    ends = mesh.points[edges(mesh)]
+    offsets = ends[:, 1] - ends[:, 0]
+    diagonals = offsets[np.linalg.norm(offsets, axis=1) > 1.7]
+    assert len(diagonals) == 8
+    assert len({tuple(way) for way in diagonals * np.sign(diagonals[:, :1])}) == n_ways
 
 
 @pytest.mark.parametrize("n_shells", [1, 2, 4])

@@ -23,11 +23,17 @@ def cantilever(cells: int) -> Problem:
     return Problem("cantilever", mesh, mesh.points[:, 0] == 0.0, weight=(0.0, 0.0, -1.0))
 
 
-def block(cells: int) -> Problem:
+def block(cells: int, is_mirrored: bool = False) -> Problem:
     """Return a cube of 1 m that is clamped at its bottom and pressed evenly on its top; cells: cubes along an edge."""
-    mesh = meshes.box((cells, cells, cells), spacing=1.0 / cells)
+    mesh = meshes.box((cells, cells, cells), 1.0 / cells, is_mirrored)
     top = mesh.points[:, 2] == mesh.points[:, 2].max()
-    return Problem("block", mesh, mesh.points[:, 2] == 0.0, stress=np.diag([0.0, 0.0, -1.0]), is_loaded=top)
+    name = "mirrored block" if is_mirrored else "block"
+    return Problem(name, mesh, mesh.points[:, 2] == 0.0, stress=np.diag([0.0, 0.0, -1.0]), is_loaded=top)
+
+
+def mirrored_block(cells: int) -> Problem:
+    """Return the same of cubes that are mirror images of their neighbours."""
+    return block(cells, is_mirrored=True)
 
 
 def liver() -> Problem:

@@ -119,6 +119,7 @@ def stiffness_rows(bodies: Mapping[str, Sequence[Comparison]]) -> Rows:
 def direction_rows(cells: Sequence[int]) -> Rows:
     """Return Young's modulus by direction."""
     lattices = {f"{n} cubes across": meshes.box((n, n, n), 1.0 / n) for n in cells}
+    lattices |= {f"mirrored, {n} across": meshes.box((n, n, n), 1.0 / n, is_mirrored=True) for n in cells[-1:]}
     elasticity = mean_elasticity(body_of(meshes.box((1, 1, 1))))
     rows = []
     for label, direction in anisotropy.DIRECTIONS.items():
