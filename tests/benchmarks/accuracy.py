@@ -15,11 +15,13 @@ from rich.console import Console
 
 from gmapspring.paths import write_atomically
 from tests.benchmarks import machine
-from tests.benchmarks.studies import continuum, drift
+from tests.benchmarks.studies import continuum, drift, labels, simplifications
 from tests.benchmarks.study import SECTION, Plan, Run, write_study
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 STUDIES: dict[str, Run] = {
+    "simplifications": simplifications.run,
+    "labels": labels.run,
     "continuum": continuum.run,
     "drift": drift.run,
 }

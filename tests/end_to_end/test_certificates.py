@@ -187,6 +187,23 @@ def test_a_seed_without_a_surviving_order_is_rejected_and_counted(own_scene):
     assert "0 of 3 certified; rejected: 3 x tissue turns inside out" in console.export_text()
 
 
+def test_a_plan_that_ends_otherwise_under_other_physics_is_rejected(monkeypatch):
+    config, ends_alike = load_scene_config("box-192"), certify.ends_alike
+    records = read_certificates(certificate_path("box-192")).records
+    seed = next(record.seed for record in records if record.reason == "other physics end differently")
+    with pytest.raises(certify.Rejected, match="other physics"):
+        certify.certify(config, seed)
+    monkeypatch.setattr(certify, "ends_alike", lambda *_: True)
+    certificate = certify.certify(config, seed)  # it survives in the physics of the scene
+    assert not ends_alike(config, seed, certificate)
+
+
+@pytest.mark.parametrize(("name", "split"), SPLITS)
+def test_sampled_certificates_end_alike_under_other_physics(name, split):
+    for scene in load_scenes(name, split)[::40]:
+        assert certify.ends_alike(load_scene_config(name), scene.seed, scene.certificate)
+
+
 def test_a_file_that_holds_no_certificates_is_refused(own_scene):
     certificate_path(own_scene).write_text("not json\n")
     with pytest.raises(ConfigError, match="is not a certificate file"):
