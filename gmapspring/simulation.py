@@ -9,7 +9,8 @@ import numpy as np
 
 from gmapspring import cut as cutting
 from gmapspring import stability, state_file
-from gmapspring.body import Body, Material, build_body
+from gmapspring.body import Body, Material, build_body, own_matter
+from gmapspring.choice import Choice, choose
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
 from gmapspring.errors import DivergenceError
@@ -35,18 +36,26 @@ class Simulation:
     """A body that is stepped through time and cut.
 
     mesh: the body at rest. material: what it is made of. pinned: nodes held in place, bool (n_points,). gravity [m/s^2], (3,).
-    loads: constant forces on points [N], (n_points, 3). integrator: a name of gmapspring.integrators.INTEGRATORS.
-    dtype: np.float64 or np.float32. keep_manifold: refuse cuts that would pinch the body.
+    loads: constant forces on points [N], (n_points, 3). integrator: a name of gmapspring.integrators.INTEGRATORS ("rk4").
+    dtype: np.float64 (if none is given) or np.float32. tolerance: in place of both, the error to allow, which chooses scheme,
+    precision and step; see choice.choose. keep_manifold: refuse cuts that would pinch the body.
     """
 
     def __init__(self, mesh: Mesh, material: Material, *, pinned: np.ndarray | None = None, gravity=(0.0, 0.0, 0.0),
-                 loads: np.ndarray | None = None, integrator: str = "rk4", dtype: type = np.float64,
-                 keep_manifold: bool = False):
+                 loads: np.ndarray | None = None, integrator: str | None = None, dtype: type | None = None,
+                 tolerance: float | None = None, keep_manifold: bool = False):  # fmt: skip
+        if tolerance is not None and (integrator is not None or dtype is not None):
+            raise ValueError("a tolerance chooses integrator and dtype: leave them out, or leave out the tolerance")
+        choice = Choice(integrator or "rk4", dtype or np.float64, None)
+        if tolerance is not None:
+            choice = choose(stability.element_limits(mesh, own_matter(mesh, material)), tolerance)
+        integrator, dtype = choice.integrator, choice.dtype
         if integrator not in INTEGRATORS:
             raise ValueError(f"integrator {integrator!r} is unknown; there are {', '.join(sorted(INTEGRATORS))}")
         if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
             raise ValueError(f"dtype must be numpy.float64 or numpy.float32, not {dtype}")
         self.integrator = INTEGRATORS[integrator]
+        self.tolerance = tolerance
         self.keep_manifold = keep_manifold
         self.time = 0.0
         """Simulated time [s]."""
@@ -59,13 +68,13 @@ class Simulation:
             self.set_loads(loads)
         self.stable_step = stability.stable_step(self.body, self.integrator)
         """The largest substep [s] whose small motions are proven stable, for this body and every body cut from it."""
-        self.default_step = stability.default_step(self.body, self.integrator)
-        """The substep [s] that `advance` takes where none is asked for; see Integrator.default_step."""
+        self.default_step = stability.default_step(self.body, self.integrator) if choice.step is None else choice.step
+        """The substep [s] that `advance` takes where none is asked for; see Integrator.default_step, choice.choose."""
 
     def advance(self, seconds: float, step: float | None = None, rest_tolerance: float | None = None) -> int:
         """Simulate for some seconds in equal substeps, none longer than step; return how many were taken.
 
-        Without a step, it is default_step, at which violent motion stays calm. With a
+        Without a step, it is default_step: what the tolerance asks for, or one at which violent motion stays calm. With a
         rest_tolerance [m] the rest of the time is skipped once no node can move any further than that in it.
         Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
         body then holds its last finite state.

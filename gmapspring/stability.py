@@ -25,6 +25,8 @@ from gmapspring.body import Body
 from gmapspring.errors import StabilityError
 from gmapspring.integrators import Integrator, Limits
 from gmapspring.jit import kernel, part
+from gmapspring.matter import Tetrahedra
+from gmapspring.mesh import Mesh
 
 N_SWEEPS = 12
 """More than enough: each sweep squares the error, and most tetrahedra need five."""
@@ -32,10 +34,10 @@ DENSE_LIMIT = 500
 """Up to this many nodes a dense eigenvalue solver is as fast as a sparse one, and exact."""
 
 
-def element_frequencies(body: Body) -> np.ndarray:
-    """Return the highest frequency of each tetrahedron of the mesh by itself, removed or not [rad/s], (n_tets,)."""
-    frequencies = np.empty(body.mesh.n_tetrahedra)
-    fill_frequencies(body.mesh.points, body.mesh.tetrahedra, body.tetrahedra.modulus, body.tetrahedra.mass, frequencies)
+def element_frequencies(mesh: Mesh, tetrahedra: Tetrahedra) -> np.ndarray:
+    """Return the highest frequency of each tetrahedron of a mesh by itself [rad/s], (n_tets,)."""
+    frequencies = np.empty(mesh.n_tetrahedra)
+    fill_frequencies(mesh.points, mesh.tetrahedra, tetrahedra.modulus, tetrahedra.mass, frequencies)
     return frequencies
 
 
@@ -104,9 +106,9 @@ def rotate(matrix, p, q):
             matrix[r, q] = matrix[q, r] = sine * first + cosine * second
 
 
-def element_limits(body: Body) -> Limits:
-    """Return frequencies and damping rates of each tetrahedron by itself, each (n_tets,)."""
-    tetrahedra, frequency = body.tetrahedra, element_frequencies(body)
+def element_limits(mesh: Mesh, tetrahedra: Tetrahedra) -> Limits:
+    """Return frequencies and damping rates of each tetrahedron of a mesh by itself, each (n_tets,)."""
+    frequency = element_frequencies(mesh, tetrahedra)
     rate, drag = np.zeros((2, len(tetrahedra.mass)))
     if len(tetrahedra.viscosity):
         drag = tetrahedra.viscosity / tetrahedra.mass
@@ -119,7 +121,7 @@ def element_limits(body: Body) -> Limits:
 
 def element_frequency(body: Body) -> float:
     """Return the bound on every frequency of the body and of all bodies cut from it [rad/s]."""
-    return float(np.max(element_frequencies(body)))
+    return float(np.max(element_frequencies(body.mesh, body.tetrahedra)))
 
 
 def stable_step(body: Body, integrator: Integrator) -> float:
@@ -128,12 +130,12 @@ def stable_step(body: Body, integrator: Integrator) -> float:
     It depends on mesh and material alone, so it is computed once. It is infinite for schemes that are always stable and where
     there is neither stiffness nor damping, and zero where the scheme is never stable.
     """
-    return integrator.stable_step(element_limits(body))
+    return integrator.stable_step(element_limits(body.mesh, body.tetrahedra))
 
 
 def default_step(body: Body, integrator: Integrator) -> float:
     """Return the step [s] that is taken where none is asked for; see Integrator.default_step."""
-    return integrator.default_step(element_limits(body))
+    return integrator.default_step(element_limits(body.mesh, body.tetrahedra))
 
 
 def check_step(step: float, stable: float, scheme: str, where: str = "") -> None:

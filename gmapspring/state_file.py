@@ -21,7 +21,7 @@ def write(path: pathlib.Path, simulation) -> None:
     """Write a simulation to a file, atomically: either the whole file is there or the old one."""
     body, state = simulation.body, simulation.save_state()
     settings = dict(format=FORMAT, version=VERSION, integrator=simulation.integrator.name,
-                    dtype=body.node_rows.state.dtype.name, keep_manifold=simulation.keep_manifold,
+                    dtype=body.node_rows.state.dtype.name, keep_manifold=simulation.keep_manifold, tolerance=simulation.tolerance,
                     time=state.time, n_substeps=state.n_substeps, gravity=body.matter.gravity.tolist())
     arrays = {"settings": np.array(json.dumps(settings)), "mesh.points": body.mesh.points,
               "mesh.tetrahedra": body.mesh.tetrahedra}
@@ -75,9 +75,11 @@ def _rebuild(arrays: dict[str, np.ndarray], settings: dict, simulation_type: typ
         return tuple(members[str(i)] for i in range(len(members)))
 
     mesh = Mesh(arrays["mesh.points"], arrays["mesh.tetrahedra"], group("cell_regions"), group("point_regions"))
+    how = dict(tolerance=settings.get("tolerance"))  # files written before there was one have none
+    if how["tolerance"] is None:
+        how = dict(integrator=settings["integrator"], dtype=np.dtype(settings["dtype"]).type)
     simulation = simulation_type(mesh, Material(**group("material")), gravity=settings["gravity"],
-                                 integrator=settings["integrator"], dtype=np.dtype(settings["dtype"]).type,
-                                 keep_manifold=settings["keep_manifold"])
+                                 keep_manifold=settings["keep_manifold"], **how)
     snapshot = Snapshot(in_order("gmap"), in_order("nodes"), in_order("springs"), arrays["load"])
     state = simulation.save_state()._replace(body=snapshot, time=settings["time"], n_substeps=settings["n_substeps"])
     simulation.load_state(state)

@@ -30,7 +30,7 @@ def hanging_box(scheme, dtype=np.float64, pinned=True, gravity=(0.0, 0.0, -9.81)
 
 def usual_step(sim):
     """Return a step [s] that all schemes can take, a fifth of what symplectic Euler could, or less."""
-    limits = gs.stability.element_limits(sim.body)
+    limits = gs.stability.element_limits(sim.body.mesh, sim.body.tetrahedra)
     return 0.2 * min(INTEGRATORS[name].stable_step(limits) for name in {"symplectic_euler", sim.integrator.name})
 
 
