@@ -60,12 +60,16 @@ def choose(limits: Limits, tolerance: float) -> Choice:
     """
     if not LEAST_TOLERANCE <= tolerance < 1.0:
         raise ValueError(f"tolerance must be at least {LEAST_TOLERANCE:g} and less than 1, not {tolerance}")
-    rules = LIGHT if is_light(limits) else HEAVY
+    rule = rule_for(is_light(limits), tolerance)
+    return Choice(rule.integrator, rule.dtype, rule.share * INTEGRATORS[rule.integrator].default_step(limits))
+
+
+def rule_for(is_light: bool, tolerance: float) -> Rule:
+    """Return what to take for light bodies or for others; beyond the finest rule its error follows the scheme's order."""
+    rules = LIGHT if is_light else HEAVY
     rule = next((rule for rule in rules if rule.tolerance <= tolerance), rules[-1])
-    integrator = INTEGRATORS[rule.integrator]
-    # Beyond the finest rule the error follows the order of the scheme.
-    finer = min(1.0, tolerance / rule.tolerance) ** (1.0 / integrator.order)
-    return Choice(rule.integrator, rule.dtype, finer * rule.share * integrator.default_step(limits))
+    finer = min(1.0, tolerance / rule.tolerance) ** (1.0 / INTEGRATORS[rule.integrator].order)
+    return rule._replace(tolerance=tolerance, share=finer * rule.share)
 
 
 def is_light(limits: Limits) -> bool:

@@ -34,7 +34,8 @@ class Integrator(NamedTuple):
     """stable_step(limits) -> longest step [s] at which small motions of a body with these limits do not grow."""
     default_step: Callable[[Limits], float]
     """default_step(limits) -> step [s] to take where none is asked for. Below the stable one: near that bound, which is one for
-    small motions, violent undamped ones gain energy as stiffness swings. At this step they do not (see tests/stability)."""
+    small motions, violent ones gain energy as stiffness swings. At this step they do not, unless springs keep passing through
+    length zero without any damping: the symplectic schemes may then gain a few times their energy. See docs/stability.md."""
     advance: Callable[..., Any]
     """advance(table, rows, real, steps, n_substeps, tolerances, taken): kernel that takes all substeps of all rows in one call.
 

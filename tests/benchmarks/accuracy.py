@@ -15,11 +15,13 @@ from rich.console import Console
 
 from gmapspring.paths import write_atomically
 from tests.benchmarks import machine
-from tests.benchmarks.studies import continuum, drift, labels, simplifications
+from tests.benchmarks.studies import choice, continuum, drift, labels, simplifications, work_precision
 from tests.benchmarks.study import SECTION, Plan, Run, write_study
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 STUDIES: dict[str, Run] = {
+    "work-precision": work_precision.run,
+    "choice": choice.run,
     "simplifications": simplifications.run,
     "labels": labels.run,
     "continuum": continuum.run,
@@ -69,7 +71,7 @@ def run_study(name: str, folder: pathlib.Path, is_quick: bool, console: Console)
     begin = time.perf_counter()
     try:
         with console.status(name) as status:
-            study = STUDIES[name](Plan(is_quick, lambda text: status.update(f"{name}: {text}")))
+            study = STUDIES[name](Plan(is_quick, lambda text: status.update(f"{name}: {text}"), folder))
         write_study(folder, name, study, about())
     except Exception:
         console.print(f"{name} failed:\n{traceback.format_exc()}", highlight=False, markup=False)

@@ -46,6 +46,8 @@ class Plan(NamedTuple):
     """Coarse and short: to see that everything runs, in a minute or two; its figures are not for the page."""
     say: Callable[[str], None]
     """Show a line of progress."""
+    folder: pathlib.Path = pathlib.Path("runs/accuracy")
+    """Where studies that are done lie, each in a folder of its name: one may go on from another's rows."""
 
 
 Run = Callable[[Plan], Study]

@@ -7,6 +7,7 @@ import gmapspring as gs
 from gmapspring import stability
 from gmapspring.integrators import INTEGRATORS
 from tests import zoo
+from tests.stability.cases.linear import laplacian, modes, total_energy
 
 every_scheme = pytest.mark.parametrize("scheme", sorted(INTEGRATORS))
 SYMPLECTIC = ("symplectic_euler", "velocity_verlet")
@@ -49,17 +50,6 @@ def random_body(name, seed, scheme="rk4", damping=1.0):
     sim = gs.Simulation(mesh, uneven_material(mesh, rng, damping), pinned=pinned, integrator=scheme)
     cut_at_random(sim, rng)
     return sim
-
-
-def laplacian(body, weight):
-    """Return the assembled Laplacian (n, n) of the springs with a weight each."""
-    matrix = np.zeros((body.n_nodes, body.n_nodes))
-    i, j = body.springs.endpoints.T
-    np.add.at(matrix, (i, i), weight)
-    np.add.at(matrix, (j, j), weight)
-    np.add.at(matrix, (i, j), -weight)
-    np.add.at(matrix, (j, i), -weight)
-    return matrix
 
 
 def step_matrix(body, scheme, h):
@@ -124,11 +114,6 @@ def test_the_step_matrix_is_that_of_the_kernel(scheme):
     np.testing.assert_allclose(after, step_matrix(body, scheme, h) @ before, rtol=0, atol=tolerance * np.abs(after).max())
 
 
-def energy(sim):
-    """Return kinetic plus elastic energy [J]."""
-    return gs.measure.kinetic_energy(sim.body) + gs.measure.elastic_energy(sim.body)
-
-
 def thrown_box(scheme, damping_ratio, cut_seed=None, speed=1.0):
     """Return a box whose stiffest tetrahedron has the given damping ratio, beta omega / 2, thrown at random."""
     mesh = gs.meshes.box((3, 2, 2), 0.1)
@@ -151,7 +136,7 @@ def record_energy(sim, step, n_records=60, n_between=50):
     record = []
     for _ in range(n_records):
         sim.advance(n_between * step, step=step)
-        record.append(energy(sim))
+        record.append(total_energy(sim))
     assert np.isfinite(sim.body.nodes.state).all()
     return record
 
@@ -161,7 +146,7 @@ def record_energy(sim, step, n_records=60, n_between=50):
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0])
 def test_at_the_bound_the_energy_of_moderate_motion_does_not_grow(scheme, damping_ratio, cut_seed):
     sim = thrown_box(scheme, damping_ratio, cut_seed, speed=0.2)
-    start = energy(sim)
+    start = total_energy(sim)
     record = record_energy(sim, 0.99 * sim.stable_step if np.isfinite(sim.stable_step) else sim.default_step)
     # Symplectic schemes conserve a neighbouring energy: the true one swings by (1 + a) / (1 - a) for symplectic Euler and by
     # 1 / (1 - a^2) for Verlet, with a = h omega / 2: 2/3 is what the bound leaves of the true limit.
@@ -175,7 +160,7 @@ def test_at_the_bound_the_energy_of_moderate_motion_does_not_grow(scheme, dampin
 def test_at_the_default_share_the_energy_of_violent_motion_does_not_grow(scheme, damping_ratio, cut_seed):
     # Strains beyond 0.5 either way: the waves in this material are no faster than sqrt(E / rho) = 2.2 m/s.
     sim = thrown_box(scheme, damping_ratio, cut_seed, speed=1.0)
-    start = energy(sim)
+    start = total_energy(sim)
     record = record_energy(sim, sim.default_step)
     assert max(record) <= (1.25 if scheme in SYMPLECTIC else 1.0) * start
 
@@ -186,26 +171,14 @@ def test_at_the_default_share_a_damped_body_let_go_at_thrice_its_length_does_not
     # Undamped, it passes through itself again and again, and symplectic Euler doubles its energy in 3000 such steps.
     sim = thrown_box(scheme, damping_ratio, cut_seed=3, speed=0.0)
     sim.body.nodes.position[~sim.body.nodes.is_pinned] *= 3.0
-    start = energy(sim)
+    start = total_energy(sim)
     record = record_energy(sim, sim.default_step)
     assert max(record) <= (1.25 if scheme in SYMPLECTIC else 1.0) * start
 
 
 def true_limit(sim):
-    """Return the longest stable step [s] at rest without damping, from the true stiffness matrix, k n n^T per spring."""
-    body = sim.body
-    i, j = body.springs.endpoints.T.astype(int)
-    offset = body.nodes.position[j] - body.nodes.position[i]
-    n = offset / np.linalg.norm(offset, axis=1)[:, None]
-    block = body.springs.stiffness[:, None, None] * n[:, :, None] * n[:, None, :]
-    matrix = np.zeros((body.n_nodes, 3, body.n_nodes, 3))
-    for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-        for spring in range(len(i)):
-            matrix[a[spring], :, b[spring], :] += sign * block[spring]
-    scale = np.repeat(np.sqrt(body.nodes.inverse_mass), 3)
-    size = 3 * body.n_nodes
-    omega = np.sqrt(np.linalg.eigvalsh(scale[:, None] * matrix.reshape(size, size) * scale)[-1])
-    return (np.sqrt(8.0) if sim.integrator.name == "rk4" else 2.0) / omega
+    """Return the longest stable step [s] at rest without damping."""
+    return (np.sqrt(8.0) if sim.integrator.name == "rk4" else 2.0) / modes(sim.body).max()
 
 
 @pytest.mark.parametrize("scheme", LIMITED)
@@ -219,10 +192,10 @@ def test_the_true_limit_is_above_the_bound_but_not_far(scheme):
 def test_a_body_blows_up_just_above_its_true_limit_and_not_just_below(scheme, share):
     # The motion is so small that the body stays linear until it has grown by many powers of ten.
     sim = thrown_box(scheme, 0.0, speed=1e-9)
-    step, start = share * true_limit(sim), energy(sim)
+    step, start = share * true_limit(sim), total_energy(sim)
     sim._take_substeps(step, 100)
     # NaN counts as blown up.
-    assert (not energy(sim) <= 1e6 * start) == (share > 1.0)
+    assert (not total_energy(sim) <= 1e6 * start) == (share > 1.0)
 
 
 @pytest.mark.parametrize("scheme", [*LIMITED, "explicit_euler"])
@@ -241,5 +214,5 @@ def test_explicit_euler_without_drag_is_refused_at_any_step():
 
 def test_backward_euler_takes_steps_beyond_the_reach_of_all_others():
     sim = thrown_box("backward_euler", 0.0, speed=0.5)
-    start, step = energy(sim), 100 * thrown_box("rk4", 0.0).stable_step
+    start, step = total_energy(sim), 100 * thrown_box("rk4", 0.0).stable_step
     assert max(record_energy(sim, step, n_records=20, n_between=1)) < start
