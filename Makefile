@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow bench lint clean
+.PHONY: demo test test-slow bench accuracy stability lint clean
 
 ## demo: cut the liver, train the baseline for three minutes, compare it with the scripts; results in runs/demo/
 demo: $(VENV)/.installed
@@ -20,6 +20,14 @@ test-slow: $(VENV)/.installed
 bench: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --no-compile --editable ".[dev,bench]"
 	$(BIN)/python -m tests.benchmarks.speed --publish
+
+## accuracy: measure error against time, and all else in docs/accuracy.md; takes a quarter of an hour, and goes on where it stopped
+accuracy: $(VENV)/.installed
+	$(BIN)/python -m tests.benchmarks.accuracy --publish
+
+## stability: put every scheme through the hard cases of docs/stability.md; takes five minutes
+stability: $(VENV)/.installed
+	$(BIN)/python -m tests.stability
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
