@@ -42,7 +42,8 @@ class Integrator(NamedTuple):
     table, real: where the matter of each row lies, and in which precision; see addresses.py.
     rows: the rows of the table to advance, int64 (k,). steps [s] (k,), n_substeps, int64 (k,): how far.
     tolerances [m] (k,): a row ends early where it can move no further than this in what is left of its time; negative: never.
-    taken: out, how many substeps each row took, -1 where its state stopped being finite: it is then as it was, int64 (k,)."""
+    taken: out, how many substeps each row took, -1 where its state stopped being finite: it is then as it was, int64 (k,).
+    Every scheme writes out the same loop over rows: a kernel that is given another as an argument is not kept in the cache."""
 
 
 N_BETWEEN = np.int64(16)
