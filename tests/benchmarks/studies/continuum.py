@@ -29,7 +29,8 @@ def run(plan: Plan) -> Study:
     bodies, checks = {}, []
     for make in (cantilever, block, mirrored_block, liver):
         plan.say(make.__name__)
-        bodies[make.__name__], check = compare_body(make, ratios, plan.is_quick)
+        comparisons, check = compare_body(make, ratios, plan.is_quick)
+        bodies[comparisons[0].problem.name] = comparisons
         checks.append(check)
     plan.say("directions, settling")
     finest = [comparisons[-1] for comparisons in bodies.values()]
