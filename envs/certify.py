@@ -2,7 +2,8 @@
 
 For every seed: the cheapest cuts (optimum.py), the order of them that strains healthy tissue least (order.py), and the
 load at which that order strains it to kappa times the limit. What comes out is proven by carrying it out from the start in
-the very task that an agent plays. A seed without such a proof is rejected, and the reason is kept and counted.
+the very task that an agent plays, and under longer settling, other schemes and single precision besides. A seed without such
+a proof is rejected, and the reason is kept and counted.
 """
 
 import argparse

@@ -64,9 +64,9 @@ def choose(limits: Limits, tolerance: float) -> Choice:
     return Choice(rule.integrator, rule.dtype, rule.share * INTEGRATORS[rule.integrator].default_step(limits))
 
 
-def rule_for(is_light: bool, tolerance: float) -> Rule:
+def rule_for(light: bool, tolerance: float) -> Rule:
     """Return what to take for light bodies or for others; beyond the finest rule its error follows the scheme's order."""
-    rules = LIGHT if is_light else HEAVY
+    rules = LIGHT if light else HEAVY
     rule = next((rule for rule in rules if rule.tolerance <= tolerance), rules[-1])
     finer = min(1.0, tolerance / rule.tolerance) ** (1.0 / INTEGRATORS[rule.integrator].order)
     return rule._replace(tolerance=tolerance, share=finer * rule.share)

@@ -74,7 +74,7 @@ class Simulation:
     def advance(self, seconds: float, step: float | None = None, rest_tolerance: float | None = None) -> int:
         """Simulate for some seconds in equal substeps, none longer than step; return how many were taken.
 
-        Without a step, it is default_step: what the tolerance asks for, or one at which violent motion stays calm. With a
+        Without a step, it is default_step: what the tolerance asks for, or one that suits violent motion too. With a
         rest_tolerance [m] the rest of the time is skipped once no node can move any further than that in it.
         Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
         body then holds its last finite state.

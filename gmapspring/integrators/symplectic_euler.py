@@ -56,7 +56,7 @@ def stable_step(limits: Limits) -> float:
 
 
 def default_step(limits: Limits) -> float:
-    """Return the part of the stable step [s] at which violent motion gains no energy; see Integrator.default_step."""
+    """Return the part of the stable step [s] that suits violent motion too; see Integrator.default_step."""
     return 0.5 * stable_step(limits)
 
 
