@@ -33,10 +33,13 @@ class Replay(NamedTuple):
     """Whether tissue comes near to turning inside out."""
 
     survives: bool
-    """Whether the target came free and nothing collapsed before or then."""
+    """Whether the tool reached every cut, the target came free, and nothing collapsed before or then."""
 
     cost: float
     """What the cuts cost."""
+
+    is_in_reach: bool
+    """Whether the tool reached every cut from the one before."""
 
 
 class _Path(NamedTuple):
@@ -55,25 +58,32 @@ class _Path(NamedTuple):
     """The body after them."""
 
 
+_Key = tuple[frozenset[int], int | None]
+"""Where a path leads: its set of cuts and, with a tool, the last of them."""
+
+
 def replay(task: Resection, order: Iterable[int]) -> Replay:
     """Carry out a plan from the start, going on past a collapse, and return what the body went through."""
     task.reset()
     strains, ratios, dangers = [task.tissue.healthy_strain], [task.tissue.lowest_volume_ratio], [_danger(task)]
-    stands = True
+    stands = is_in_reach = True
     for action in order:
         stands = stands and task.outcome is None
+        is_in_reach = is_in_reach and bool(task.action_mask()[action])
         task.step(action)
         strains.append(task.tissue.healthy_strain)
         ratios.append(task.tissue.lowest_volume_ratio)
         dangers.append(_danger(task))
-    survives = stands and task.outcome == SEPARATED
-    return Replay(max(strains), min(ratios), max(dangers), max(dangers) >= INVERSION_PENALTY, survives, task.cost)
+    survives = stands and is_in_reach and task.outcome == SEPARATED
+    inverts = max(dangers) >= INVERSION_PENALTY
+    return Replay(max(strains), min(ratios), max(dangers), inverts, survives, task.cost, is_in_reach)
 
 
 def beam_order(task: Resection, plan: Sequence[int]) -> tuple[int, ...]:
     """Return an order of a plan with a small peak strain of healthy tissue: a beam over sets of cuts, one cut at a time.
 
-    Of all ways to the same set of cuts only the best is kept.
+    Of all ways to the same set of cuts, with a tool those that end at the same cut, only the best is kept. There may be no order
+    that a tool can follow: then, or where the beam loses them all, it is ().
     """
     return _beam(task, plan, BEAM_WIDTH, np.inf)
 
@@ -93,10 +103,13 @@ def _beam(task: Resection, plan: Sequence[int], width: int | None, bound: float)
     strain = _danger(task)
     beam = [_Path(strain, strain, (), task.save_state())]
     for _ in plan:
-        reached: dict[frozenset[int], _Path] = {}
+        reached: dict[_Key, _Path] = {}
         for path in beam:
+            task.load_state(path.state)
+            allowed = task.action_mask()
             for action in sorted(set(plan) - set(path.order)):
-                _extend(task, path, action, reached)
+                if allowed[action]:
+                    _extend(task, path, action, reached)
         below = (path for path in reached.values() if path.peak < bound)
         beam = sorted(below, key=lambda path: path[:3])[:width]
         if not beam:
@@ -104,16 +117,17 @@ def _beam(task: Resection, plan: Sequence[int], width: int | None, bound: float)
     return beam[0].order
 
 
-def _extend(task: Resection, path: _Path, action: int, reached: dict[frozenset[int], _Path]) -> None:
-    """Take one more action, unless its set of cuts is known already."""
-    cuts = frozenset((*path.order, action))
+def _extend(task: Resection, path: _Path, action: int, reached: dict[_Key, _Path]) -> None:
+    """Take one more action, unless where it leads is known already."""
+    # What can be done next depends on what is cut, and with a tool on where it stands.
+    key = frozenset((*path.order, action)), None if task.scene.tool_radius is None else action
     # Paths come in the order of their peaks, so the first to arrive at a set of cuts is the best way there.
-    if cuts in reached:
+    if key in reached:
         return
     task.load_state(path.state)
     task.step(action)
     strain = _danger(task)
-    reached[cuts] = _Path(max(path.peak, strain), strain, (*path.order, action), task.save_state())
+    reached[key] = _Path(max(path.peak, strain), strain, (*path.order, action), task.save_state())
 
 
 def _danger(task: Resection) -> float:

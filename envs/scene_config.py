@@ -9,10 +9,12 @@ from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_va
 
 from envs.scene_kinds import (
     BoxMesh,
+    Channel,
     ConeDirection,
     EllipsoidTarget,
     FileMesh,
     FixedDirection,
+    NoCutRegion,
     PinnedPlane,
     PinnedRegion,
     RegionTarget,
@@ -90,6 +92,14 @@ class Limits(Config):
     """Smallest volume of attached healthy tissue over that at the start."""
 
 
+class Tool(Config):
+    """Describe a blade that moves from cut to cut."""
+
+    radius: PositiveFloat
+    """How far apart the centroids of two cuts in a row may lie at rest, in units of length h; where nothing legal lies so near,
+    the tool is set down anew anywhere."""
+
+
 class Split(Config):
     """Reserve seeds for one use."""
 
@@ -125,6 +135,10 @@ class SceneConfig(Config):
     material: MaterialField
     pinned: Annotated[PinnedPlane | PinnedRegion, Field(discriminator="kind")]
     target: Annotated[TopCubeTarget | EllipsoidTarget | RegionTarget, Field(discriminator="kind")]
+    no_cut: Annotated[NoCutRegion | Channel, Field(discriminator="kind")] | None = None
+    """Vessel: what must not be laid open; by default nothing."""
+    tool: Tool | None = None
+    """What cuts; by default something that gets anywhere at once."""
     load: Load
     physics: Physics
     limits: Limits
@@ -148,4 +162,6 @@ class SceneConfig(Config):
     def _cubes_need_a_box(self) -> Self:
         if isinstance(self.target, TopCubeTarget) and not isinstance(self.mesh, BoxMesh):
             raise ValueError("target.kind 'top_cube' needs mesh.kind 'box'; choose 'ellipsoid' or 'region'")
+        if isinstance(self.no_cut, Channel) and not (isinstance(self.mesh, BoxMesh) and isinstance(self.pinned, PinnedPlane)):
+            raise ValueError("no_cut.kind 'channel' needs mesh.kind 'box' and pinned.kind 'plane'; choose 'region'")
         return self
