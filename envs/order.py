@@ -1,6 +1,7 @@
 """The order of a plan's cuts: the same cuts tear the body in one order and spare it in another."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class Replay(NamedTuple):
     """What the cuts cost."""
 
 
-class _Path(NamedTuple):
+class Way(NamedTuple):
     """One way to have carried out part of a plan."""
 
     peak: float
@@ -90,30 +91,49 @@ def exact_order(task: Resection, plan: Sequence[int], bound: float) -> tuple[int
 def _beam(task: Resection, plan: Sequence[int], width: int | None, bound: float) -> tuple[int, ...]:
     """Return the best order whose peak is below the bound, or () where there is none."""
     task.reset()
-    strain = _danger(task)
-    beam = [_Path(strain, strain, (), task.save_state())]
+    beam = [way_so_far(task)]
     for _ in plan:
-        reached: dict[frozenset[int], _Path] = {}
-        for path in beam:
-            for action in sorted(set(plan) - set(path.order)):
-                _extend(task, path, action, reached)
-        below = (path for path in reached.values() if path.peak < bound)
-        beam = sorted(below, key=lambda path: path[:3])[:width]
+        beam = next_beam(beam, plan, width, partial(one_more, task), bound)
         if not beam:
             return ()
     return beam[0].order
 
 
-def _extend(task: Resection, path: _Path, action: int, reached: dict[frozenset[int], _Path]) -> None:
-    """Take one more action, unless its set of cuts is known already."""
-    cuts = frozenset((*path.order, action))
-    # Paths come in the order of their peaks, so the first to arrive at a set of cuts is the best way there.
-    if cuts in reached:
-        return
-    task.load_state(path.state)
+def way_so_far(task: Resection) -> Way:
+    """Return the beginning of every way that leads on from the body as it stands."""
+    strain = _danger(task)
+    return Way(strain, strain, (), task.save_state())
+
+
+def one_more(task: Resection, way: Way, action: int) -> Way:
+    """Return a way with one more action, carried out on the task."""
+    task.load_state(way.state)
     task.step(action)
     strain = _danger(task)
-    reached[cuts] = _Path(max(path.peak, strain), strain, (*path.order, action), task.save_state())
+    return Way(max(way.peak, strain), strain, (*way.order, action), task.save_state())
+
+
+def next_beam(
+    beam: Sequence[Way], plan: Iterable[int], width: int | None, extend: Callable[[Way, int], Way], bound: float = np.inf
+) -> list[Way]:
+    """Return the best ways with one more action of a plan, the best first; of all ways to the same set of cuts only the best.
+
+    Args:
+        beam: ways of equal length, the best first.
+        plan: the actions that they take, each once.
+        width: how many ways to keep; None for all.
+        extend: gives a way with one more action.
+        bound: only ways whose peak is below it are kept.
+    """
+    reached: dict[frozenset[int], Way] = {}
+    for way in beam:
+        for action in sorted(set(plan) - set(way.order)):
+            cuts = frozenset((*way.order, action))
+            # Ways come in the order of their peaks, so the first to arrive at a set of cuts is the best way there.
+            if cuts not in reached:
+                reached[cuts] = extend(way, action)
+    below = (way for way in reached.values() if way.peak < bound)
+    return sorted(below, key=lambda way: way[:3])[:width]
 
 
 def _danger(task: Resection) -> float:
