@@ -12,9 +12,8 @@ import gymnasium as gym
 import numpy as np
 
 from agents.trials import Trials, has_collapsed
-from envs.optimum import minimum_cut
+from envs.baselines import legal_plan, rim_first
 from envs.resect import ResectEnv
-from envs.task import Resection
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError, GmapspringError
 
@@ -47,14 +46,7 @@ def choose_random(situation: Situation) -> int:
 
 def choose_rim_first(situation: Situation) -> int:
     """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
-    env, table = situation.env, situation.env.task.table
-    is_interface = np.diff(env.scene.target[table.face_tetrahedra], axis=1)[:, 0]
-    faces = np.intersect1d(np.flatnonzero(is_interface), situation.legal)
-    if len(faces) == 0:
-        return choose_random(situation)
-    middle = table.face_centroid[is_interface].mean(axis=0)
-    distance = np.linalg.norm(table.face_centroid[faces] - middle, axis=1)
-    return int(faces[np.argmax(distance)])
+    return rim_first(situation.env.task, situation.legal, situation.rng)
 
 
 def choose_minimum_cut_by_index(situation: Situation) -> int:
@@ -90,14 +82,7 @@ def choose_by_certificate(situation: Situation) -> int:
 
 def _plan(situation: Situation) -> Array:
     """Return the legal actions of the cheapest plan from here, ascending; all legal ones where the mask allows none."""
-    allowed = np.intersect1d(cheapest_plan(situation.env.task), situation.legal)
-    return allowed if len(allowed) else situation.legal
-
-
-def cheapest_plan(task: Resection) -> Array:
-    """Return the actions of the cheapest plan from where the body stands, ascending."""
-    is_sewn = task.action_mask("all")[: task.table.n_faces].astype(bool)
-    return minimum_cut(task.scene, task.table, task.is_attached, is_sewn).actions
+    return legal_plan(situation.env.task, situation.legal)
 
 
 POLICIES: dict[str, Callable[[Situation], int]] = {

@@ -6,8 +6,9 @@ what is new. Steps are replayed bit for bit: an order that survived in the searc
 
 import numpy as np
 
-from agents.scripted import RulePolicy, Situation, cheapest_plan, choose_minimum_cut_by_index
+from agents.scripted import RulePolicy, Situation, choose_minimum_cut_by_index
 from agents.trials import Trials, has_collapsed
+from envs.baselines import cheapest_plan
 from envs.collapse import SEPARATED
 from envs.order import Way, next_beam, one_more, way_so_far
 from envs.resect import ResectEnv

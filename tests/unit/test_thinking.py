@@ -5,10 +5,11 @@ import pytest
 
 from agents.choice import home_of, make_policy
 from agents.evaluation import evaluate, play_episode
-from agents.scripted import ScriptedPolicy, cheapest_plan
+from agents.scripted import ScriptedPolicy
 from agents.search import SearchPolicy
 from agents.shield import ShieldedPolicy
 from agents.trials import Trials, has_collapsed, n_simulated
+from envs.baselines import cheapest_plan
 from envs.collapse import SEPARATED
 from envs.resect import ResectEnv
 from envs.task import Resection
