@@ -25,6 +25,7 @@ EXAMPLES = """examples:
   python -m agents train box-108 --out runs/box-108 --resume --cpu-seconds 400
   python -m agents evaluate runs/box-108/best.zip --out runs/box-108/test.csv
   python -m agents evaluate lookahead --scene box-108 --split test --episodes 16
+  python -m agents evaluate shield:rim-first search:100 --scene box-108
   python -m agents demo --out runs/demo
 """
 
@@ -74,7 +75,8 @@ def _add_train(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _add_evaluate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     example = "python -m agents evaluate certificate --split test"
     command = _command(commands, "evaluate", "play held-out scenes and print a table", example)
-    command.add_argument("policies", nargs="+", metavar="POLICY", help=f"a saved policy (*.zip) or {', '.join(POLICIES)}")
+    names = f"a saved policy (*.zip), {', '.join(POLICIES)}, search:BUDGET (simulator steps), or shield: and any of these"
+    command.add_argument("policies", nargs="+", metavar="POLICY", help=names)
     command.add_argument("--scene", help="a shipped scene or a scene file [the policy's own, or box-108]")
     command.add_argument("--split", default="test", help="train, validation or test [test]")
     command.add_argument("--mask", help="all, reachable or focus [the policy's own, or all]")

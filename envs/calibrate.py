@@ -39,14 +39,13 @@ def proven_plan(cut: MinimumCut) -> tuple[int, ...]:
 
 def calibrated(task: Resection, wanted: float, plan: tuple[int, ...]) -> tuple[tuple[int, ...], float]:
     """Return the gentlest order, and the factor on the load at which its peak strain is the one wanted."""
-    order, factor, is_exact = plan, 1.0, len(plan) > EXACT_LENGTH
+    order, factor = plan, 1.0
     factor, now = _scale_load(task, wanted, order, factor)
     for _ in range(MAX_ROUNDS):
         better = beam_order(task, plan)
         if not _is_gentler(task, better, now):
-            if is_exact:
+            if len(plan) > EXACT_LENGTH:
                 break
-            is_exact = True
             better = exact_order(task, plan, GENTLER * now.peak_danger if now.is_in_reach else np.inf)
             if not _is_gentler(task, better, now):
                 break

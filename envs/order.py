@@ -1,6 +1,7 @@
 """The order of a plan's cuts: the same cuts tear the body in one order and spare it in another."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,7 @@ class Replay(NamedTuple):
     """Whether the tool reached every cut from the one before."""
 
 
-class _Path(NamedTuple):
+class Way(NamedTuple):
     """One way to have carried out part of a plan."""
 
     peak: float
@@ -56,10 +57,6 @@ class _Path(NamedTuple):
 
     state: ResectionState
     """The body after them."""
-
-
-_Key = tuple[frozenset[int], int | None]
-"""Where a path leads: its set of cuts and, with a tool, the last of them."""
 
 
 def replay(task: Resection, order: Iterable[int]) -> Replay:
@@ -100,34 +97,58 @@ def exact_order(task: Resection, plan: Sequence[int], bound: float) -> tuple[int
 def _beam(task: Resection, plan: Sequence[int], width: int | None, bound: float) -> tuple[int, ...]:
     """Return the best order whose peak is below the bound, or () where there is none."""
     task.reset()
-    strain = _danger(task)
-    beam = [_Path(strain, strain, (), task.save_state())]
+    beam, has_tool = [way_so_far(task)], task.scene.tool_radius is not None
     for _ in plan:
-        reached: dict[_Key, _Path] = {}
-        for path in beam:
-            task.load_state(path.state)
-            allowed = task.action_mask()
-            for action in sorted(set(plan) - set(path.order)):
-                if allowed[action]:
-                    _extend(task, path, action, reached)
-        below = (path for path in reached.values() if path.peak < bound)
-        beam = sorted(below, key=lambda path: path[:3])[:width]
+        beam = next_beam(beam, plan, width, partial(one_more, task), bound=bound, has_tool=has_tool)
         if not beam:
             return ()
     return beam[0].order
 
 
-def _extend(task: Resection, path: _Path, action: int, reached: dict[_Key, _Path]) -> None:
-    """Take one more action, unless where it leads is known already."""
-    # What can be done next depends on what is cut, and with a tool on where it stands.
-    key = frozenset((*path.order, action)), None if task.scene.tool_radius is None else action
-    # Paths come in the order of their peaks, so the first to arrive at a set of cuts is the best way there.
-    if key in reached:
-        return
-    task.load_state(path.state)
+def way_so_far(task: Resection) -> Way:
+    """Return the beginning of every way that leads on from the body as it stands."""
+    strain = _danger(task)
+    return Way(strain, strain, (), task.save_state())
+
+
+def one_more(task: Resection, way: Way, action: int) -> Way:
+    """Return a way with one more action, carried out on the task; its peak is infinite where a tool does not reach that."""
+    task.load_state(way.state)
+    if not task.action_mask()[action]:
+        return way._replace(peak=np.inf)
     task.step(action)
     strain = _danger(task)
-    reached[key] = _Path(max(path.peak, strain), strain, (*path.order, action), task.save_state())
+    return Way(max(way.peak, strain), strain, (*way.order, action), task.save_state())
+
+
+def next_beam(
+    beam: Sequence[Way],
+    plan: Iterable[int],
+    width: int | None,
+    extend: Callable[[Way, int], Way],
+    *,
+    bound: float = np.inf,
+    has_tool: bool = False,
+) -> list[Way]:
+    """Return the best ways with one more action of a plan, the best first; of all ways to the same set of cuts only the best.
+
+    Args:
+        beam: ways of equal length, the best first.
+        plan: the actions that they take, each once.
+        width: how many ways to keep; None for all.
+        extend: gives a way with one more action.
+        bound: only ways whose peak is below it are kept.
+        has_tool: what can be done next depends on the last cut too, and so the best way to each set and last cut is kept.
+    """
+    reached: dict[tuple[frozenset[int], int], Way] = {}
+    for way in beam:
+        for action in sorted(set(plan) - set(way.order)):
+            key = frozenset((*way.order, action)), action if has_tool else -1
+            # Ways come in the order of their peaks, so the first to arrive is the best way there, unless it cannot go on.
+            if key not in reached or reached[key].peak == np.inf:
+                reached[key] = extend(way, action)
+    below = (way for way in reached.values() if way.peak < bound)
+    return sorted(below, key=lambda way: way[:3])[:width]
 
 
 def _danger(task: Resection) -> float:
