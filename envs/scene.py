@@ -124,7 +124,7 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
         lacking = "target (anchor tetrahedra never belong to it)" if is_anchor.any() else "pinned"
         raise ConfigError(f"scene {config.name!r}, seed {seed}: no tetrahedron is chosen by {lacking}")
     young_modulus = modulus_field(config.material, mesh, rng)
-    direction = np.round(config.load.direction.draw(rng), DIRECTION_DIGITS)
+    direction = np.round(config.load.direction.draw(mesh, target, rng), DIRECTION_DIGITS)
     # The footprint of the target, so that the force grows with it as a traction would.
     footprint = float(mesh.volumes[target].sum()) ** (2.0 / 3.0)
     factor = 1.0 if certificate is None else certificate.load_factor

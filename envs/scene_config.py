@@ -13,10 +13,12 @@ from envs.scene_kinds import (
     EllipsoidTarget,
     FileMesh,
     FixedDirection,
+    OutwardDirection,
     PinnedPlane,
     PinnedRegion,
     RegionTarget,
     TopCubeTarget,
+    UnderSurfaceTarget,
     Vector,
 )
 from gmapspring.config import Config, closest
@@ -46,7 +48,7 @@ class Load(Config):
 
     traction: PositiveFloat
     """Force per footprint of the target, (its volume)^(2/3) [Pa], before calibration."""
-    direction: Annotated[ConeDirection | FixedDirection, Field(discriminator="kind")]
+    direction: Annotated[ConeDirection | OutwardDirection | FixedDirection, Field(discriminator="kind")]
 
 
 class Physics(Config):
@@ -124,7 +126,7 @@ class SceneConfig(Config):
     mesh: Annotated[BoxMesh | FileMesh, Field(discriminator="kind")]
     material: MaterialField
     pinned: Annotated[PinnedPlane | PinnedRegion, Field(discriminator="kind")]
-    target: Annotated[TopCubeTarget | EllipsoidTarget | RegionTarget, Field(discriminator="kind")]
+    target: Annotated[TopCubeTarget | EllipsoidTarget | UnderSurfaceTarget | RegionTarget, Field(discriminator="kind")]
     load: Load
     physics: Physics
     limits: Limits

@@ -5,14 +5,19 @@ To add a kind is to add its model here and name it in scene_config.py.
 
 import pathlib
 from collections.abc import Mapping
-from typing import Any, Literal
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import PositiveFloat, PositiveInt, ValidationInfo, field_validator
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from gmapspring.config import Config
 from gmapspring.errors import ConfigError
 from gmapspring.mesh import Mesh
+from gmapspring.mesh_checks import paired_faces
+from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
 Vector = tuple[float, float, float]
@@ -111,6 +116,33 @@ class EllipsoidTarget(Config):
         )
 
 
+class UnderSurfaceTarget(Config):
+    """Free what lies in a random ellipsoid near a random place of the surface."""
+
+    kind: Literal["under_surface"]
+    radius: PositiveFloat
+    """Mean half-axis, in units of length h; each half-axis is 0.8 to 1.25 of it."""
+    min_tetrahedra: PositiveInt = 6
+    """Fewest tetrahedra that make a target; a smaller one, or one in several pieces, is drawn again."""
+
+    def draw(self, mesh: Mesh, source: BoxMesh | FileMesh, spacing: float, rng: np.random.Generator) -> Array:
+        """Return the target, bool, shape (n_tetrahedra,)."""
+        surface = surface_of(mesh)
+        centroids = mesh.points[mesh.tetrahedra].mean(axis=1)
+        radius = self.radius * spacing
+        for _ in range(ELLIPSOID_DRAWS):
+            face = rng.integers(len(surface.area))
+            centre = surface.centroid[face] - _unit(surface.area[face]) * (rng.uniform(0.0, 0.5) * radius)
+            distance = (centroids - centre) / (radius * rng.uniform(0.8, 1.25, 3))
+            inside = np.asarray((distance**2).sum(axis=1) < 1.0)
+            if inside.sum() >= self.min_tetrahedra and is_one_piece(mesh, inside):
+                return inside
+        raise ConfigError(
+            f"target.radius = {self.radius} h ({radius:.3g} m) gave no piece of {self.min_tetrahedra} tetrahedra "
+            f"in {ELLIPSOID_DRAWS} draws; enlarge it"
+        )
+
+
 class RegionTarget(Config):
     """Free a named region of tetrahedra of the mesh file."""
 
@@ -129,11 +161,30 @@ class ConeDirection(Config):
     width: PositiveFloat
     """Spread: a standard normal vector, folded upward, gets 1 / width added to its height."""
 
-    def draw(self, rng: np.random.Generator) -> Array:
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
         """Return a unit vector, shape (3,)."""
         direction = rng.normal(size=3)
         direction[2] = abs(direction[2]) + 1.0 / self.width
         return _unit(direction)
+
+
+class OutwardDirection(Config):
+    """Pull in a random direction that leads out of the body where the target lies bare."""
+
+    kind: Literal["outward"]
+    width: PositiveFloat
+    """Spread: a standard normal vector, folded outward, gets 1 / width added to its outward part."""
+
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
+        """Return a unit vector, shape (3,)."""
+        surface = surface_of(mesh)
+        outward = surface.area[target[surface.tetrahedron]].sum(axis=0)
+        if not outward.any():
+            raise ConfigError("load.direction.kind 'outward' needs a target with a face on the surface; choose 'cone' or 'fixed'")
+        outward = _unit(outward)
+        direction = rng.normal(size=3)
+        along = direction @ outward
+        return _unit(direction + (abs(along) - along + 1.0 / self.width) * outward)
 
 
 class FixedDirection(Config):
@@ -149,9 +200,40 @@ class FixedDirection(Config):
             raise ValueError("give a direction other than zero")
         return vector
 
-    def draw(self, rng: np.random.Generator) -> Array:
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
         """Return a unit vector, shape (3,)."""
         return _unit(np.array(self.vector))
+
+
+class Surface(NamedTuple):
+    """Bare faces of an uncut mesh."""
+
+    tetrahedron: Array
+    """Whose face each is, (n,)."""
+    centroid: Array
+    """[m], (n, 3)."""
+    area: Array
+    """Outward vector as long as the area [m^2], (n, 3)."""
+
+
+@lru_cache(maxsize=16)
+def surface_of(mesh: Mesh) -> Surface:
+    """Return the bare faces of a mesh."""
+    is_bare = np.ones(4 * mesh.n_tetrahedra, dtype=bool)
+    for slots in paired_faces(mesh.tetrahedra, mesh.n_points):
+        is_bare[slots] = False
+    corners = mesh.points[mesh.tetrahedra[:, OUTWARD_FACE_CORNERS].reshape(-1, 3)[is_bare]]
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return Surface(np.flatnonzero(is_bare) // 4, corners.mean(axis=1), area)
+
+
+def is_one_piece(mesh: Mesh, members: Array) -> bool:
+    """Return whether chains of faces join all of some tetrahedra, bool (n_tetrahedra,), among themselves."""
+    one, other = (slots // 4 for slots in paired_faces(mesh.tetrahedra, mesh.n_points))
+    is_link = members[one] & members[other]
+    place = np.cumsum(members) - 1
+    links = coo_array((is_link[is_link], (place[one[is_link]], place[other[is_link]])), shape=(members.sum(),) * 2)
+    return bool(connected_components(links, directed=False, return_labels=False) == 1)
 
 
 def _unit(vector: Array) -> Array:
