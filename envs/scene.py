@@ -135,7 +135,7 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
         lacking = "target (anchor tetrahedra never belong to it)" if is_anchor.any() else "pinned"
         raise ConfigError(f"scene {config.name!r}, seed {seed}: no tetrahedron is chosen by {lacking}")
     young_modulus = modulus_field(config.material, mesh, rng)
-    direction = np.round(config.load.direction.draw(rng), DIRECTION_DIGITS)
+    direction = np.round(config.load.direction.draw(mesh, target, rng), DIRECTION_DIGITS)
     vessel = None if config.no_cut is None else _read_only(config.no_cut.draw(mesh, target, pinned, rng))
     # The footprint of the target, so that the force grows with it as a traction would.
     footprint = float(mesh.volumes[target].sum()) ** (2.0 / 3.0)

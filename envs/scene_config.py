@@ -7,20 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
-from envs.scene_kinds import (
-    BoxMesh,
-    Channel,
-    ConeDirection,
-    EllipsoidTarget,
-    FileMesh,
-    FixedDirection,
-    NoCutRegion,
-    PinnedPlane,
-    PinnedRegion,
-    RegionTarget,
-    TopCubeTarget,
-    Vector,
-)
+from envs.scene_kinds import BoxMesh, ConeDirection, FileMesh, FixedDirection, OutwardDirection, PinnedPlane, PinnedRegion, Vector
+from envs.targets import Channel, EllipsoidTarget, NoCutRegion, RegionTarget, TopCubeTarget, UnderSurfaceTarget
 from gmapspring.config import Config, closest
 from gmapspring.integrators import INTEGRATORS
 
@@ -48,7 +36,7 @@ class Load(Config):
 
     traction: PositiveFloat
     """Force per footprint of the target, (its volume)^(2/3) [Pa], before calibration."""
-    direction: Annotated[ConeDirection | FixedDirection, Field(discriminator="kind")]
+    direction: Annotated[ConeDirection | OutwardDirection | FixedDirection, Field(discriminator="kind")]
 
 
 class Physics(Config):
@@ -134,7 +122,7 @@ class SceneConfig(Config):
     mesh: Annotated[BoxMesh | FileMesh, Field(discriminator="kind")]
     material: MaterialField
     pinned: Annotated[PinnedPlane | PinnedRegion, Field(discriminator="kind")]
-    target: Annotated[TopCubeTarget | EllipsoidTarget | RegionTarget, Field(discriminator="kind")]
+    target: Annotated[TopCubeTarget | EllipsoidTarget | UnderSurfaceTarget | RegionTarget, Field(discriminator="kind")]
     no_cut: Annotated[NoCutRegion | Channel, Field(discriminator="kind")] | None = None
     """Vessel: what must not be laid open; by default nothing."""
     tool: Tool | None = None

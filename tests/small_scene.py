@@ -6,7 +6,7 @@ from envs.action_table import action_table
 from envs.optimum import minimum_cut
 from envs.scene import Certificate, Scene
 from envs.scene_config import Limits, Physics
-from envs.scene_kinds import Channel
+from envs.targets import Channel
 from gmapspring import meshes
 from gmapspring.mesh import Mesh
 
