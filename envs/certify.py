@@ -24,7 +24,7 @@ from envs.finding import describe
 from envs.library import CertificateFile, Record
 from envs.optimum import minimum_cut
 from envs.order import Replay, replay
-from envs.scene import Certificate, build_scene
+from envs.scene import Certificate, NoSceneError, build_scene
 from envs.scene_config import SceneConfig
 from envs.task import Resection
 from gmapspring.errors import GmapspringError
@@ -109,6 +109,8 @@ def examine(config: SceneConfig, split: str, seed: int) -> Record:
         return Record(split, seed, certify(config, seed), "")
     except Rejected as rejection:
         return Record(split, seed, None, str(rejection))
+    except NoSceneError:
+        return Record(split, seed, None, "the target is all anchor")
 
 
 def report_seed(scene: str, seed: int, console: Console) -> None:

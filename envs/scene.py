@@ -21,6 +21,10 @@ DIRECTION_DIGITS = 9
 """Decimals kept of a load direction, for the same reason."""
 
 
+class NoSceneError(ConfigError):
+    """A seed that gives no scene, where another seed of the same configuration may."""
+
+
 @dataclass(frozen=True)
 class Certificate:
     """Hold the proof that a scene can be solved at the least cost: an order of cuts that the body survives."""
@@ -131,9 +135,10 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
     pinned = config.pinned.points(mesh)
     is_anchor = pinned[mesh.tetrahedra].any(axis=1)
     target = config.target.draw(mesh, config.mesh, spacing, rng) & ~is_anchor
-    if not target.any() or not is_anchor.any():
-        lacking = "target (anchor tetrahedra never belong to it)" if is_anchor.any() else "pinned"
-        raise ConfigError(f"scene {config.name!r}, seed {seed}: no tetrahedron is chosen by {lacking}")
+    if not is_anchor.any():
+        raise ConfigError(f"scene {config.name!r}: no tetrahedron is chosen by pinned")
+    if not target.any():
+        raise NoSceneError(f"scene {config.name!r}, seed {seed}: all that target chooses are anchors, which never belong to it")
     young_modulus = modulus_field(config.material, mesh, rng)
     direction = np.round(config.load.direction.draw(mesh, target, rng), DIRECTION_DIGITS)
     vessel = None if config.no_cut is None else _read_only(config.no_cut.draw(mesh, target, pinned, rng))

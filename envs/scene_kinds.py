@@ -83,7 +83,7 @@ class ConeDirection(Config):
 
 
 class OutwardDirection(Config):
-    """Pull in a random direction that leads out of the body where the target lies bare."""
+    """Pull in a random direction that leads out of the body where its surface is nearest to the target."""
 
     kind: Literal["outward"]
     width: PositiveFloat
@@ -92,10 +92,8 @@ class OutwardDirection(Config):
     def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
         """Return a unit vector, shape (3,)."""
         surface = surface_of(mesh)
-        outward = surface.area[target[surface.tetrahedron]].sum(axis=0)
-        if not outward.any():
-            raise ConfigError("load.direction.kind 'outward' needs a target with a face on the surface; choose 'cone' or 'fixed'")
-        outward = unit(outward)
+        middle = mesh.points[mesh.tetrahedra[target]].mean(axis=(0, 1))
+        outward = unit(surface.area[np.argmin(((surface.centroid - middle) ** 2).sum(axis=1))])
         direction = rng.normal(size=3)
         along = direction @ outward
         return unit(direction + (abs(along) - along + 1.0 / self.width) * outward)

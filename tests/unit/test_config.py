@@ -159,7 +159,7 @@ def test_a_scene_with_many_mistakes_names_every_one():
         "physics.integrator: there is no integrator 'rk5'; choose from "
         "backward_euler, explicit_euler, rk4, symplectic_euler, velocity_verlet",
         "pinned: the key 'kind' is missing",
-        "splits.test: seeds 10 to 20 (excluded) are fewer than count = 64",
+        "splits.test: seeds 10 to 20 (excluded) are fewer than count = 128",
         "splits.tran: there is no split 'tran'; did you mean 'train'?",
         "target: 'topcube' is not one of 'top_cube', 'ellipsoid', 'region'; did you mean 'top_cube'?",
     ]
