@@ -8,9 +8,9 @@ from gymnasium import spaces
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from torch import Tensor
 
-from agents.candidate_network import CandidateNetwork
+from agents.candidate_network import CandidateNetwork, Seen
 from agents.features import Candidates, Observed, gather_candidates
-from agents.segments import Segments, highest, segments, total
+from agents.segments import Graph, Segments, highest, segments, total
 
 OBSERVATION_KEYS = (*Observed._fields, "action_mask")
 """The parts of the observation that the policy reads; the others may be absent."""
@@ -23,10 +23,11 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     """
 
     def __init__(
-        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, hidden: int = 64
+        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, hidden: int = 64,
+        n_rounds: int = 3, n_heads: int = 2,
     ) -> None:
         """Make the network and its optimizer."""
-        self.hidden = hidden
+        self.hidden, self.n_rounds, self.n_heads = hidden, n_rounds, n_heads
         super().__init__(observation_space, action_space, lr_schedule)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
@@ -35,7 +36,7 @@ class CandidatePolicy(MaskableActorCriticPolicy):
 
     def _build(self, lr_schedule: Any) -> None:
         # The base class made layers that flatten the observation; nothing passes through them.
-        self.network = CandidateNetwork(self.observation_space["globals"].shape[0], self.hidden)  # type: ignore[index]
+        self.network = CandidateNetwork(self.observation_space["globals"].shape[0], self.hidden, self.n_rounds, self.n_heads)  # type: ignore[index]
         # Fused: one call for all parameters, where the plain one takes ten for each.
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), fused=True, **self.optimizer_kwargs)
 
@@ -80,8 +81,20 @@ class CandidatePolicy(MaskableActorCriticPolicy):
         """Return (candidates, which are whose, their log-probabilities, values of the states)."""
         candidates = obs if isinstance(obs, Candidates) else read_candidates(obs, action_masks)
         of = segments(candidates.offset)
-        features, of_state = torch.from_numpy(candidates.features), torch.from_numpy(candidates.of_state)
-        return candidates, of, *self.network(features, of, of_state)
+        seen, graph = prepared(candidates)
+        return candidates, of, *self.network(seen, of, graph)
+
+
+def prepared(candidates: Candidates) -> tuple[Seen, Graph]:
+    """Return what the network takes: rows of the states' own tetrahedra become rows of all."""
+    starts, lengths = candidates.tetrahedron_offset[:-1], np.diff(candidates.tetrahedron_offset)
+    sides = candidates.sides + np.repeat(starts, np.diff(candidates.offset))[:, None]
+    is_link = candidates.neighbours >= 0
+    neighbours = (candidates.neighbours + np.repeat(starts, lengths)[:, None])[is_link]
+    first = np.cumsum(is_link.sum(1)) - is_link.sum(1)
+    tensor = torch.from_numpy
+    seen = Seen(tensor(candidates.features), tensor(np.ascontiguousarray(sides.T)), tensor(candidates.tetrahedra), tensor(candidates.of_state))
+    return seen, Graph(tensor(neighbours), tensor(first))
 
 
 def read_candidates(obs: Any, action_masks: Any = None) -> Candidates:
