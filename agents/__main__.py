@@ -1,4 +1,4 @@
-"""The command line: python -m agents train | evaluate | demo."""
+"""The command line: python -m agents train | evaluate | demo | study | report."""
 
 import sys
 

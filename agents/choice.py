@@ -1,4 +1,7 @@
-"""From a name on the command line to a policy that can play."""
+"""From a name on the command line to a policy that can play.
+
+A name is that of a scripted policy, the file of a saved one (*.zip), `search:BUDGET`, or `shield:NAME` with any of these.
+"""
 
 import pathlib
 from typing import Any, NamedTuple
@@ -8,11 +11,17 @@ import numpy as np
 
 from agents.evaluation import Policy
 from agents.scripted import POLICIES, ScriptedPolicy
+from agents.search import SearchPolicy
+from agents.shield import ShieldedPolicy
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
 
 DEFAULT_SCENE = "box-108"
 """Scene on which scripted policies are evaluated unless another is named."""
+
+
+SEARCH, SHIELD = "search", "shield"
+"""What stands before the colon in names of policies that think."""
 
 
 class Setting(NamedTuple):
@@ -28,15 +37,22 @@ def is_saved(name: str) -> bool:
 
 
 def home_of(name: str) -> Setting:
-    """Return the scene and the mask a saved policy was trained with, or the defaults for a scripted one.
+    """Return the scene and the mask a saved policy was trained with, shielded or not, or the defaults for any other.
 
     Raises:
         ConfigError: there is no such policy.
         CheckpointError: the file is not a usable policy.
     """
+    kind, _, rest = name.partition(":")
+    if kind == SHIELD:
+        return home_of(rest)
+    if kind == SEARCH:
+        _budget(rest)
+        return Setting(DEFAULT_SCENE, "all")
     if not is_saved(name):
         if name not in POLICIES:
-            raise ConfigError(f"there is no policy {name!r}; {closest(name, POLICIES)} (or give a saved one, *.zip)")
+            known = closest(kind, [*POLICIES, SEARCH, SHIELD])
+            raise ConfigError(f"there is no policy {name!r}; {known} (or give a saved one, *.zip)")
         return Setting(DEFAULT_SCENE, "all")
     if not pathlib.Path(name).is_file():
         raise ConfigError(f"cannot read {name}: there is no such file")
@@ -45,11 +61,23 @@ def home_of(name: str) -> Setting:
 
 
 def make_policy(name: str, env: gym.Env[Any, Any], seed: int) -> Policy:
-    """Return a policy that plays an environment: a rule by its name, or a saved one by its file."""
+    """Return a policy that plays an environment."""
+    kind, _, rest = name.partition(":")
+    if kind == SHIELD:
+        return ShieldedPolicy(make_policy(rest, env, seed), env)
+    if kind == SEARCH:
+        return SearchPolicy(_budget(rest)).bind(env)
     if not is_saved(name):
         return ScriptedPolicy(name, np.random.default_rng(seed)).bind(env)
     policy: Policy = _checkpoint().load_policy(pathlib.Path(name), env.observation_space, env.action_space)
     return policy
+
+
+def _budget(text: str) -> int:
+    """Return the budget of a search."""
+    if not text.isdecimal():
+        raise ConfigError(f"the budget of a search is a whole number of simulator steps, as in search:300, not {text!r}")
+    return int(text)
 
 
 def _checkpoint() -> Any:

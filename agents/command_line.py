@@ -4,6 +4,7 @@ Exit codes: 0 done; 1 an error, told in one line; 2 wrong arguments; 130 interru
 """
 
 import argparse
+import os
 import pathlib
 import sys
 from collections.abc import Sequence
@@ -17,15 +18,18 @@ from agents.scripted import POLICIES
 from agents.table import HEADERS, print_table, summary_rows
 from envs.resect import ResectEnv
 from gmapspring.config import load_config
-from gmapspring.errors import GmapspringError
-from gmapspring.paths import configs_folder, write_atomically
+from gmapspring.errors import ConfigError, GmapspringError
+from gmapspring.paths import config_file, write_atomically
 
 EXAMPLES = """examples:
   python -m agents train box-108 --seed 1 --out runs/box-108
   python -m agents train box-108 --out runs/box-108 --resume --cpu-seconds 400
   python -m agents evaluate runs/box-108/best.zip --out runs/box-108/test.csv
   python -m agents evaluate lookahead --scene box-108 --split test --episodes 16
+  python -m agents evaluate shield:rim-first search:100 --scene box-108
   python -m agents demo --out runs/demo
+  python -m agents study results --jobs 2 --only level-1 --seeds 0,1
+  python -m agents report runs/results
 """
 
 
@@ -58,6 +62,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_train(commands)
     _add_evaluate(commands)
     _add_demo(commands)
+    _add_study(commands)
+    _add_report(commands)
     return parser
 
 
@@ -74,7 +80,8 @@ def _add_train(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _add_evaluate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     example = "python -m agents evaluate certificate --split test"
     command = _command(commands, "evaluate", "play held-out scenes and print a table", example)
-    command.add_argument("policies", nargs="+", metavar="POLICY", help=f"a saved policy (*.zip) or {', '.join(POLICIES)}")
+    names = f"a saved policy (*.zip), {', '.join(POLICIES)}, search:BUDGET (simulator steps), or shield: and any of these"
+    command.add_argument("policies", nargs="+", metavar="POLICY", help=names)
     command.add_argument("--scene", help="a shipped scene or a scene file [the policy's own, or box-108]")
     command.add_argument("--split", default="test", help="train, validation or test [test]")
     command.add_argument("--mask", help="all, reachable or focus [the policy's own, or all]")
@@ -90,6 +97,24 @@ def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     command.add_argument("--train-seconds", type=float, default=180.0, help="CPU time of training [180]")
     command.add_argument("--seed", type=_count, default=0, help="of training [0]")
     command.set_defaults(run=_demo)
+
+
+def _add_study(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    description = "train and evaluate all that a study lists; what is done is kept, what was stopped goes on"
+    command = _command(commands, "study", description, "python -m agents study results --only level-1 --seeds 0,1")
+    command.add_argument("study", help="a study: a file, or the name of a shipped one")
+    command.add_argument("--out", type=pathlib.Path, help="folder [runs/NAME]")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, help="processes at once [as many as cores]")
+    command.add_argument("--only", nargs="+", default=[], metavar="ROW", help="rows, and what they start from; or 'scripts'")
+    command.add_argument("--seeds", type=_counts, default=[], help="only these, as in 0,1 [all]")
+    command.set_defaults(run=_study)
+
+
+def _add_report(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    command = _command(commands, "report", "write the page of a study", "python -m agents report runs/results")
+    command.add_argument("folder", type=pathlib.Path, help="the study's folder")
+    command.add_argument("--publish", action="store_true", help="write the page and its pictures to docs/ as well")
+    command.set_defaults(run=_report)
 
 
 def _command(
@@ -110,15 +135,18 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _counts(text: str) -> list[int]:
+    """Return whole numbers from 0 up, parted by commas."""
+    return [_count(part) for part in text.split(",")]
+
+
 def _train(parsed: argparse.Namespace, console: Console) -> int:
     """Train, and say where the result lies."""
     require_torch()
     from agents.training import Trainer
     from agents.training_config import TrainingConfig
 
-    path = pathlib.Path(parsed.config)
-    if path.suffix not in (".yaml", ".yml"):
-        path = configs_folder() / "train" / f"{parsed.config}.yaml"
+    path = config_file("train", parsed.config)
     config = load_config(path, TrainingConfig).replaced(parsed.seed, parsed.cpu_seconds)
     out = parsed.out or pathlib.Path("runs") / f"{path.stem}-seed-{config.seed}"
     trainer = Trainer(config, out, resume=parsed.resume)
@@ -164,3 +192,27 @@ def _demo(parsed: argparse.Namespace, console: Console) -> int:
     from agents.demo import run_demo
 
     return run_demo(parsed.out, parsed.train_seconds, parsed.seed, console)
+
+
+def _study(parsed: argparse.Namespace, console: Console) -> int:
+    """Do what a study lists."""
+    require_torch()
+    from agents.study import Choice, run_study
+    from agents.study_config import load_study
+
+    study = load_study(parsed.study)
+    out = parsed.out or pathlib.Path("runs") / study.name
+    code = run_study(study, out, Choice(parsed.only, parsed.seeds), max(parsed.jobs, 1), console)
+    console.print(f"everything is in {out}; python -m agents report {out} writes the page", highlight=False, soft_wrap=True)
+    return code
+
+
+def _report(parsed: argparse.Namespace, console: Console) -> int:
+    """Write the page of a study."""
+    from agents.report import DOCS, write_report
+
+    if parsed.publish and not DOCS.is_dir():
+        raise ConfigError(f"there is no {DOCS} to publish to; publish from a clone")
+    path = write_report(parsed.folder, DOCS if parsed.publish else None)
+    console.print(f"the page is {path}", highlight=False, soft_wrap=True)
+    return 0

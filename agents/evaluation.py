@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Protocol
 import gymnasium as gym
 import numpy as np
 
+from agents.trials import n_simulated
+
 Array = np.ndarray[Any, Any]
 
 
@@ -47,6 +49,8 @@ class Episode(NamedTuple):
     """Cost over the least cost J*."""
     n_steps: int
     """Actions taken."""
+    n_simulated: int
+    """Steps of the simulator that the policy spent on thinking, those of the episode itself left out."""
     seconds: float
     """Wall time of choosing and acting [s], the reset left out."""
 
@@ -78,6 +82,8 @@ class Summary(NamedTuple):
     success: Estimate
     cost_ratio: Estimate
     """Over the successful episodes only: a body that collapses at the first cut has cost little."""
+    n_simulated: Estimate
+    """Steps of the simulator spent on thinking, per episode."""
     steps_per_second: Estimate
     reasons: dict[str, int]
     """How often each reason ended an episode, the most frequent first."""
@@ -88,7 +94,7 @@ def play_episode(policy: Policy, env: gym.Env[Any, Any], name: str, seed: int, i
     observation, _ = env.reset(seed=seed, options={"index": index})
     state, total, n_steps, has_ended = None, 0.0, 0, False
     info: dict[str, Any] = {}
-    start = time.perf_counter()
+    n_before, start = n_simulated(policy), time.perf_counter()
     while not has_ended:
         first = np.array([n_steps == 0])
         action, state = policy.predict(observation, state, episode_start=first, deterministic=True)
@@ -99,7 +105,7 @@ def play_episode(policy: Policy, env: gym.Env[Any, Any], name: str, seed: int, i
     seconds = time.perf_counter() - start
     return Episode(
         name, info["scene"], info["scene_seed"], total, info["is_success"], info["reason"], info["cost_ratio"],
-        n_steps, seconds,
+        n_steps, n_simulated(policy) - n_before, seconds,
     )  # fmt: skip
 
 
@@ -138,6 +144,7 @@ def summarise(episodes: Sequence[Episode]) -> Summary:
         total_return=estimate(episode.total_return for episode in episodes),
         success=estimate(float(episode.is_success) for episode in episodes),
         cost_ratio=estimate(episode.cost_ratio for episode in episodes if episode.is_success),
+        n_simulated=estimate(episode.n_simulated for episode in episodes),
         steps_per_second=estimate(episode.n_steps / episode.seconds for episode in episodes),
         reasons=dict(Counter(episode.reason for episode in episodes).most_common()),
     )

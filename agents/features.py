@@ -21,10 +21,10 @@ OWN_FEATURES = (
 )  # fmt: skip
 """What a candidate shows of itself; its offset is seen from the centre of the target."""
 SIDE_FEATURES = (
-    "target", "anchor", "strain", "volume ratio", "stiffness", "volume", "free faces", "cut faces",
+    "target", "anchor", "strain", "volume ratio", "stiffness", "volume", "free faces", "cut faces", "vessel",
     "target neighbours", "healthy neighbours", "node mass", "offset x", "offset y", "offset z", "distance along the load",
 )  # fmt: skip
-"""What a tetrahedron shows; the first eight are columns of the observation's tetrahedra."""
+"""What a tetrahedron shows; the first nine are columns of the observation's tetrahedra."""
 N_OWN, N_SIDE = len(OWN_FEATURES), len(SIDE_FEATURES)
 OFFSET_SCALE = 0.5
 """What turns distances, in h, into features of the order of one."""
@@ -95,7 +95,7 @@ POSITION, DISPLACEMENT, NODE_MASS = 1, 4, 11
 AREA, CENTROID = 1, 2
 ATTACHED, IS_TARGET = 1, 2
 LOAD_DIRECTION = 0
-_COPIED = 8
+_COPIED = 9
 _QUARTER = np.float32(0.25)
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
 _TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS, _OFFSET, _ALONG = (_COPIED + place for place in (0, 1, 2, 3, 6))

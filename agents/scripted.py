@@ -4,15 +4,16 @@ Each rule is a function of a `Situation`. All but `random` look at the simulator
 bound to the environment that they play: `ScriptedPolicy("lookahead").bind(env)`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
 import numpy as np
 
-from envs.optimum import minimum_cut
+from agents.trials import Trials, has_collapsed
+from envs.baselines import legal_plan, rim_first
 from envs.resect import ResectEnv
-from envs.task import SEPARATED
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError, GmapspringError
 
@@ -34,6 +35,9 @@ class Situation(NamedTuple):
     rng: np.random.Generator
     """Source of chance."""
 
+    trials: Trials
+    """What to try actions with."""
+
 
 def choose_random(situation: Situation) -> int:
     """Choose any legal action."""
@@ -42,14 +46,7 @@ def choose_random(situation: Situation) -> int:
 
 def choose_rim_first(situation: Situation) -> int:
     """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
-    env, table = situation.env, situation.env.task.table
-    is_interface = np.diff(env.scene.target[table.face_tetrahedra], axis=1)[:, 0]
-    faces = np.intersect1d(np.flatnonzero(is_interface), situation.legal)
-    if len(faces) == 0:
-        return choose_random(situation)
-    middle = table.face_centroid[is_interface].mean(axis=0)
-    distance = np.linalg.norm(table.face_centroid[faces] - middle, axis=1)
-    return int(faces[np.argmax(distance)])
+    return rim_first(situation.env.task, situation.legal, situation.rng)
 
 
 def choose_minimum_cut_by_index(situation: Situation) -> int:
@@ -66,13 +63,10 @@ def choose_by_lookahead(situation: Situation) -> int:
     """Try every action of the cheapest plan in the simulator and do the one after which healthy tissue strains least."""
     task = situation.env.task
     plan = _plan(situation)
-    start = task.save_state()
     strains = []
     for action in plan:
-        task.step(int(action))
-        is_safe = task.outcome in (None, SEPARATED)
-        strains.append(task.tissue.healthy_strain if is_safe else np.inf)
-        task.load_state(start)
+        with situation.trials.after(task, int(action)):
+            strains.append(np.inf if has_collapsed(task) else task.tissue.healthy_strain)
     return int(plan[np.argmin(strains)])
 
 
@@ -88,11 +82,7 @@ def choose_by_certificate(situation: Situation) -> int:
 
 def _plan(situation: Situation) -> Array:
     """Return the legal actions of the cheapest plan from here, ascending; all legal ones where the mask allows none."""
-    task = situation.env.task
-    is_sewn = task.action_mask("all")[: task.table.n_faces].astype(bool)
-    plan = minimum_cut(task.scene, task.table, task.is_attached, is_sewn).actions
-    allowed = np.intersect1d(plan, situation.legal)
-    return allowed if len(allowed) else situation.legal
+    return legal_plan(situation.env.task, situation.legal)
 
 
 POLICIES: dict[str, Callable[[Situation], int]] = {
@@ -106,21 +96,24 @@ POLICIES: dict[str, Callable[[Situation], int]] = {
 """Rules by name."""
 
 
-class ScriptedPolicy:
-    """Play by a rule, through the same `predict` as stable-baselines3's policies."""
+class RulePolicy(ABC):
+    """Choose by looking at a `Situation`, through the same `predict` as stable-baselines3's policies."""
 
     def __init__(self, name: str, rng: np.random.Generator | None = None) -> None:
-        """Find the rule; without a generator chance starts from seed 0.
-
-        Raises:
-            ConfigError: there is no such rule.
-        """
-        if name not in POLICIES:
-            raise ConfigError(f"there is no scripted policy {name!r}; {closest(name, POLICIES)}")
+        """Take a name; without a generator chance starts from seed 0."""
         self.name = name
-        self._choose = POLICIES[name]
         self._rng = np.random.default_rng(0) if rng is None else rng
         self._env: Any = None
+        self._trials = Trials()
+
+    @abstractmethod
+    def choose(self, situation: Situation) -> int:
+        """Return a legal action."""
+
+    @property
+    def n_simulated(self) -> int:
+        """Return how many steps of the simulator have been spent on thinking."""
+        return self._trials.n_steps
 
     def bind(self, env: gym.Env[Any, Any]) -> Self:
         """Play this environment from now on; wrappers around it do not matter."""
@@ -144,5 +137,23 @@ class ScriptedPolicy:
             observation = {key: array[0] for key, array in observation.items()}
         if self._env is None and self.name != "random":
             raise GmapspringError(f"policy {self.name!r} looks into the simulator: call bind(env) first")
-        action = self._choose(Situation(observation, np.flatnonzero(mask), self._env, self._rng))
+        action = self.choose(Situation(observation, np.flatnonzero(mask), self._env, self._rng, self._trials))
         return (np.array([action]) if is_batch else action), state
+
+
+class ScriptedPolicy(RulePolicy):
+    """Play by a rule of `POLICIES`."""
+
+    def __init__(self, name: str, rng: np.random.Generator | None = None) -> None:
+        """Find the rule.
+
+        Raises:
+            ConfigError: there is no such rule.
+        """
+        if name not in POLICIES:
+            raise ConfigError(f"there is no scripted policy {name!r}; {closest(name, POLICIES)}")
+        super().__init__(name, rng)
+
+    def choose(self, situation: Situation) -> int:
+        """Return a legal action."""
+        return POLICIES[self.name](situation)

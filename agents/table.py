@@ -7,7 +7,7 @@ from rich.table import Table
 
 from agents.evaluation import Summary
 
-HEADERS = ("policy", "episodes", "return", "success", "cost/J* of successes", "steps/s", "ends")
+HEADERS = ("policy", "episodes", "return", "success", "cost/J* of successes", "simulated steps", "steps/s", "ends")
 """Columns of the table of policies; numbers are mean ± standard error (standard deviation over episodes)."""
 
 
@@ -20,6 +20,7 @@ def summary_rows(summaries: Iterable[Summary]) -> list[tuple[str, ...]]:
             str(summary.total_return),
             str(summary.success),
             str(summary.cost_ratio),
+            str(summary.n_simulated),
             str(summary.steps_per_second),
             ", ".join(f"{count} {reason}" for reason, count in summary.reasons.items()),
         )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from envs.actions import is_sewn
-from envs.arrays import COST, FACE, LOSS, TETRAHEDRON, read_task
+from envs.arrays import COST, FACE, IS_TOUCHED, LAST_CUT, LOSS, TETRAHEDRON, read_task
 from envs.attachment import find_attached
 from gmapspring.cut import cut_part
 from gmapspring.embedding import sum_nodes
@@ -38,8 +38,9 @@ def is_legal(task, action):
 @part
 def carry_out(task, action):
     """Do a legal action; the parts of its cost go to Play.numbers."""
-    numbers, rules = task.play.numbers, task.rules
+    numbers, whole, rules = task.play.numbers, task.play.whole, task.rules
     n_faces = len(rules.face_slots)
+    whole[LAST_CUT] = action
     numbers[FACE], numbers[TETRAHEDRON] = 0.0, 0.0
     is_face = 0 <= action < n_faces
     slots, removed = np.empty(1 if is_face else 0, dtype=np.int64), np.empty(1 if action >= n_faces else 0, dtype=np.int64)
@@ -48,8 +49,10 @@ def carry_out(task, action):
     elif action != BEGIN:
         removed[0], numbers[TETRAHEDRON] = action - n_faces, rules.tetrahedron_cost[action - n_faces]
     else:
-        numbers[COST] = 0.0
+        numbers[COST], whole[IS_TOUCHED] = 0.0, 0
         forget_load(task)
+    if action != BEGIN and rules.is_touching[action]:
+        whole[IS_TOUCHED] = 1
     numbers[LOSS] = cut_loose(task, slots, removed)
     spread_load(task)
     numbers[COST] += numbers[FACE] + numbers[TETRAHEDRON] + numbers[LOSS]
@@ -75,12 +78,15 @@ def cut_loose(task, slots, removed):
 def list_loose(task, loose):
     """List the pieces that hang on no anchor, ascending; return the cost of the healthy tissue among them."""
     label_of, is_attached, loss_cost = task.play.label_of, task.play.is_attached, task.rules.loss_cost
+    whole, is_vessel = task.play.whole, task.rules.is_vessel
     n_found, cost = 0, 0.0
     for tet in range(len(label_of)):
         if label_of[tet] >= 0 and not is_attached[tet]:
             loose[n_found] = tet
             n_found += 1
             cost += loss_cost[tet]
+            if is_vessel[tet]:
+                whole[IS_TOUCHED] = 1
     return cost
 
 
@@ -94,20 +100,23 @@ def forget_load(task):
 
 @part
 def spread_load(task):
-    """Share the total force among the attached target by volume: shaving the target sheds no load."""
+    """Share the force on each region among what is attached of it by volume: shaving the target sheds no load."""
     is_loaded, is_attached = task.play.is_loaded, task.play.is_attached
     is_target, volume, force = task.rules.is_target, task.rules.volume, task.rules.load
+    region_of, region_share = task.rules.region_of, task.rules.region_share
     load = task.body.matter.tetrahedra.load
-    total, has_changed = 0.0, False
+    total, has_changed = np.zeros(len(region_share)), False
     for tet in range(len(is_loaded)):
         bears = is_target[tet] and is_attached[tet]
         has_changed = has_changed or bears != is_loaded[tet]
         is_loaded[tet] = bears
         if bears:
-            total += volume[tet]
+            total[region_of[tet]] += volume[tet]
     if has_changed:
         for tet in range(len(is_loaded)):
-            share = 0.25 * (volume[tet] / total) if is_loaded[tet] else 0.0
+            share, region = 0.0, region_of[tet]
+            if is_loaded[tet]:
+                share = region_share[region] * (0.25 * (volume[tet] / total[region]))
             for corner in range(4):
                 for axis in range(3):
                     load[tet, corner, axis] = share * force[axis]

@@ -4,6 +4,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from gmapspring.mesh import Mesh
 from gmapspring.mesh_checks import paired_faces
@@ -78,6 +80,29 @@ def action_table(mesh: Mesh) -> ActionTable:
     for array in found:
         array.flags.writeable = False
     return found
+
+
+def beside(table: ActionTable, members: Array) -> Array:
+    """Return the tetrahedra that are members or have one across a face, bool (n_tetrahedra,)."""
+    sides = table.face_tetrahedra
+    found = members.copy()
+    found[sides[members[sides].any(axis=1)]] = True
+    return found
+
+
+def touching_actions(table: ActionTable, vessel: Array) -> Array:
+    """Return the actions that lay open a face of a vessel's tetrahedron, bool (n_actions,)."""
+    return np.concatenate([vessel[table.face_tetrahedra].any(axis=1), beside(table, vessel)])
+
+
+def face_pieces(table: ActionTable, members: Array) -> Array:
+    """Return the face-connected piece that each member belongs to, 0, 1 ..., and -1 for others, int32 (n_tetrahedra,)."""
+    one, other = table.face_tetrahedra[members[table.face_tetrahedra].all(axis=1)].T
+    shape = (table.n_tetrahedra, table.n_tetrahedra)
+    labels = connected_components(csr_array((np.ones(len(one)), (one, other)), shape=shape), directed=False)[1]
+    piece_of = np.full(table.n_tetrahedra, -1, dtype=np.int32)
+    piece_of[members] = np.unique(labels[members], return_inverse=True)[1]
+    return piece_of
 
 
 class Surroundings(NamedTuple):

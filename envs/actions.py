@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.arrays import read_task
+from envs.arrays import LAST_CUT, read_task
 from gmapspring.jit import kernel, part
 
 FACE_EDGES = np.array([(3, 4, 5), (1, 2, 5), (0, 2, 4), (0, 1, 3)], dtype=np.int32)
@@ -16,7 +16,9 @@ FACE_EDGES = np.array([(3, 4, 5), (1, 2, 5), (0, 2, 4), (0, 1, 3)], dtype=np.int
 def mask_all(table, rows, real):
     """Allow every sewn face of an attached tetrahedron, and every attached tetrahedron that is not an anchor."""
     for row in rows:
-        allow_all(read_task(table, row, real))
+        task = read_task(table, row, real)
+        allow_all(task)
+        keep_in_reach(task)
 
 
 @kernel
@@ -26,6 +28,7 @@ def mask_reachable(table, rows, real):
         task = read_task(table, row, real)
         allow_all(task)
         keep_reachable(task)
+        keep_in_reach(task)
 
 
 @kernel
@@ -35,6 +38,7 @@ def mask_focus(table, rows, real):
         task = read_task(table, row, real)
         allow_all(task)
         keep_near(task)
+        keep_in_reach(task)
 
 
 @part
@@ -99,6 +103,31 @@ def keep_near(task):
             mask[n_faces + tet] = 0
 
 
+@part
+def keep_in_reach(task):
+    """Leave out what the tool does not reach from its last cut; where that would leave nothing, it is set down anew anywhere."""
+    mask, last, reach = task.play.mask, task.play.whole[LAST_CUT], task.rules.reach[0]
+    if last < 0 or reach == np.inf:
+        return
+    centroid, n_reached = task.rules.centroid, 0
+    for action in range(len(mask)):
+        if mask[action] and is_in_reach(centroid, reach, last, action):
+            n_reached += 1
+    if n_reached > 0:
+        for action in range(len(mask)):
+            if mask[action] and not is_in_reach(centroid, reach, last, action):
+                mask[action] = 0
+
+
+@part
+def is_in_reach(centroid, reach, last, action):
+    """Tell whether one cut lies near enough to another."""
+    square = 0.0
+    for axis in range(3):
+        square += (centroid[action, axis] - centroid[last, axis]) ** 2
+    return square <= reach * reach
+
+
 MASKS: dict[str, Callable[[np.ndarray, np.ndarray, Any], None]] = {
     "all": mask_all, "reachable": mask_reachable, "focus": mask_focus,
 }  # fmt: skip
@@ -106,4 +135,4 @@ MASKS: dict[str, Callable[[np.ndarray, np.ndarray, Any], None]] = {
 
 While the target is attached none of them is empty: a chain of sewn faces leads from it to an anchor, so it crosses the
 interface (focus), and a body of two tetrahedra or more has one with a free face, whose other faces have an edge on the
-surface (reachable)."""
+surface (reachable). A tool narrows each of them, but never to nothing."""

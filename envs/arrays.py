@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.action_table import ActionTable, Surroundings
+from envs.action_table import ActionTable, Surroundings, face_pieces, touching_actions
 from envs.costs import face_costs, loss_costs, tetrahedron_costs
 from envs.scene import Scene
 from envs.sight import Sight, no_sight, sight_of
@@ -17,8 +17,9 @@ Array = np.ndarray[Any, Any]
 
 COST, FACE, TETRAHEDRON, LOSS, HEALTHY_STRAIN, TARGET_STRAIN, LOWEST_RATIO, HEALTHY_VOLUME, TARGET_VOLUME = range(9)
 """Places in Play.numbers: the cost so far, the parts of the last action's cost, and the numbers of `collapse.Tissue`."""
-N_COMPONENTS, IS_FINITE, N_STEPS = range(3)
-"""Places in Play.whole: pieces, whether all measures are finite, and actions so far."""
+N_COMPONENTS, IS_FINITE, N_STEPS, IS_TOUCHED, LAST_CUT = range(5)
+"""Places in Play.whole: pieces, whether all measures are finite, actions so far, whether a vessel has been touched, and the last
+cut, negative before the first."""
 
 
 class Play(NamedTuple):
@@ -37,7 +38,7 @@ class Play(NamedTuple):
     numbers: Array
     """What a policy, a reward or a rule of collapse asks for, (9,)."""
     whole: Array
-    """The same in whole numbers, int64 (3,)."""
+    """The same in whole numbers, int64 (5,)."""
     mask: Array
     """Legal actions, int8 (n_actions,)."""
     queue: Array
@@ -60,8 +61,20 @@ class Rules(NamedTuple):
     volume: Array
     is_target: Array
     """bool (n,)."""
+    region_of: Array
+    """Face-connected piece of the uncut target, -1 where healthy, int32 (n,)."""
+    region_share: Array
+    """Share of the load that each piece bears while any of it is attached, (n_regions,)."""
     is_anchor: Array
     is_near: Array
+    is_vessel: Array
+    """Must not be laid open, bool (n,)."""
+    is_touching: Array
+    """Actions that lay a vessel open, bool (n_actions,)."""
+    centroid: Array
+    """Rest centroid of what each action cuts [m], (n_actions, 3)."""
+    reach: Array
+    """How far from the last cut the next may lie [m], infinite without a tool, (1,)."""
     face_cost: Array
     """Cost of cutting each face, (n_faces,)."""
     tetrahedron_cost: Array
@@ -89,7 +102,7 @@ PLAY_EXTENTS: Any = Play(
     queue=SCRATCH, spring_strain=SCRATCH, is_surface_edge=SCRATCH, row_of_node=SCRATCH,
     node_sums=SCRATCH,
 )  # fmt: skip
-RULES_EXTENTS: Any = Rules(*(SHARED,) * 11, sight=Sight(*(SHARED,) * len(Sight._fields)))
+RULES_EXTENTS: Any = Rules(*(SHARED,) * len(Rules._fields))._replace(sight=Sight(*(SHARED,) * len(Sight._fields)))
 TASK_EXTENTS: Any = TaskArrays(BODY_EXTENTS, PLAY_EXTENTS, RULES_EXTENTS)
 """What each array is to a batch; see gmapspring/arena.py."""
 
@@ -104,7 +117,7 @@ def empty_play(n_tetrahedra: int, n_actions: int) -> Play:
         strain=np.zeros(n),
         volume_ratio=np.zeros(n),
         numbers=np.zeros(9),
-        whole=np.zeros(3, np.int64),
+        whole=np.zeros(5, np.int64),
         mask=np.zeros(n_actions, np.int8),
         queue=np.zeros(n, np.int32),
         spring_strain=np.zeros(6 * n),
@@ -116,13 +129,24 @@ def empty_play(n_tetrahedra: int, n_actions: int) -> Play:
 
 def rules_of(scene: Scene, table: ActionTable, around: Surroundings) -> Rules:
     """Return the rules of a scene; the start is filled in once the body has settled."""
+    target, region_of = np.array(scene.target), face_pieces(table, scene.target)
+    region_volume = np.bincount(region_of[target], weights=table.volume[target])
+    centroid = np.concatenate([table.face_centroid, scene.mesh.points[scene.mesh.tetrahedra].mean(axis=1)])
+    radius = np.inf if scene.tool_radius is None else scene.tool_radius
     return Rules(
         face_slots=table.face_slots,
         face_of_slot=table.face_of_slot,
         volume=table.volume,
-        is_target=np.array(scene.target),
+        is_target=target,
+        region_of=region_of,
+        region_share=region_volume / region_volume.sum(),
         is_anchor=around.is_anchor,
         is_near=around.is_near,
+        is_vessel=np.array(scene.vessel),
+        is_touching=touching_actions(table, scene.vessel),
+        centroid=centroid,
+        # Round-off must not decide on cuts of a regular mesh that lie at this very distance.
+        reach=np.array([radius * scene.spacing * (1.0 + 1e-9)]),
         face_cost=face_costs(table.face_area, scene.spacing),
         tetrahedron_cost=tetrahedron_costs(table.volume, scene.spacing),
         loss_cost=loss_costs(table.volume, ~scene.target, scene.spacing),
@@ -136,8 +160,11 @@ def no_rules() -> Rules:
     """Return rules of no tetrahedra at all: what the types of their arrays are."""
     no_face, nothing, none = np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0, bool)
     return Rules(
-        no_face, np.zeros((0, 4), np.int32), nothing, none, none, none, nothing, nothing, nothing, nothing, nothing, no_sight()
-    )
+        face_slots=no_face, face_of_slot=np.zeros((0, 4), np.int32), volume=nothing, is_target=none,
+        region_of=np.zeros(0, np.int32), region_share=nothing, is_anchor=none, is_near=none, is_vessel=none, is_touching=none,
+        centroid=np.zeros((0, 3)), reach=nothing, face_cost=nothing, tetrahedron_cost=nothing, loss_cost=nothing, load=nothing,
+        start=nothing, sight=no_sight(),
+    )  # fmt: skip
 
 
 def task_room(n_tetrahedra: int, n_actions: int, dtype: type, n_work: int) -> TaskArrays:

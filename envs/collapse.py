@@ -30,11 +30,15 @@ class Tissue(NamedTuple):
     is_finite: bool
     """Whether strains and volumes are all finite numbers."""
 
+    is_touched: bool
+    """Whether a cut has laid open a vessel, or a part of one has come loose."""
+
 
 CollapseRule = Callable[[Tissue, Any, Any], Any]
 
 COLLAPSE_RULES: dict[str, CollapseRule] = {
     "numerical": lambda tissue, healthy_share, limits: np.logical_not(tissue.is_finite),
+    "vessel": lambda tissue, healthy_share, limits: tissue.is_touched,
     "volume": lambda tissue, healthy_share, limits: healthy_share < limits.healthy_share,
     "tear": lambda tissue, healthy_share, limits: tissue.healthy_strain > limits.strain,
     "inverted": lambda tissue, healthy_share, limits: tissue.lowest_volume_ratio < limits.volume_ratio,

@@ -58,6 +58,7 @@ COLUMNS: dict[str, list[Column]] = {
         Column("volume", "6 rest volume / h^3"),
         Column("free_faces", "faces on the surface / 4", 0.0, 1.0),
         Column("cut_faces", "faces that a cut has laid open / 4", 0.0, 1.0),
+        Column("vessel", "1 if it must not be laid open", 0.0, 1.0),
     ],
     "globals": [
         *_vector("load_direction", "unit vector of the load, 0 without one", 1.0),

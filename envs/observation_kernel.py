@@ -69,14 +69,14 @@ def show_tetrahedra(task, rows, neighbours, components):
             n_free += is_free
             n_cut += is_free and face_of_slot[tet, face] >= 0
         if is_attached[tet]:
-            for column in range(10):
+            for column in range(11):
                 rows[tet, column] = whole[tet, column]
             rows[tet, 4] = held(strain[tet] * strain_unit)
             rows[tet, 5] = held(volume_ratio[tet])
             rows[tet, 8] = 0.25 * n_free
             rows[tet, 9] = 0.25 * n_cut
         else:
-            for column in range(10):
+            for column in range(11):
                 rows[tet, column] = 0.0
 
 

@@ -8,7 +8,8 @@ out -> in with the cost of its cut, and every healthy tetrahedron leaks from out
                              ^-----------------------           |
                                      face                       +--> sink (healthy: the cost of its loss)
 
-What the source still reaches comes off. (Ford and Fulkerson, 1956; the maximum flow is scipy's.)
+What the source still reaches comes off. Where there is a vessel, what lays it open and its loss are without limit too.
+(Ford and Fulkerson, 1956; the maximum flow is scipy's.)
 """
 
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from envs.action_table import ActionTable
+from envs.action_table import ActionTable, touching_actions
 from envs.costs import face_costs, loss_costs, tetrahedron_costs
 from envs.scene import Scene
 from gmapspring.jit import kernel
@@ -32,10 +33,10 @@ class MinimumCut(NamedTuple):
     """What the cheapest way to free the target does."""
 
     actions: Array
-    """Action ids, ascending, int64."""
+    """Action ids, ascending, int64; none where nothing frees the target without laying open a vessel."""
 
     cost: float
-    """Their costs and the cost of what they set loose, summed."""
+    """Their costs and the cost of what they set loose, summed; infinite where there are none."""
 
     lost: Array
     """Healthy tetrahedra that come loose, bool, shape (n_tetrahedra,)."""
@@ -50,6 +51,10 @@ class _State(NamedTuple):
     is_attached: Array
     is_sewn: Array
     sides: Array
+    costs: Array
+    """Of all actions; no price is high enough for one that touches a vessel."""
+    losses: Array
+    """Of all tetrahedra coming loose, likewise."""
 
 
 def action_costs(scene: Scene, table: ActionTable) -> Array:
@@ -69,11 +74,16 @@ def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = No
     attached = np.ones(table.n_tetrahedra, dtype=bool) if is_attached is None else is_attached
     sewn = np.ones(table.n_faces, dtype=bool) if is_sewn is None else is_sewn
     sides = table.face_tetrahedra
-    state = _State(attached, sewn & attached[sides].all(axis=1), sides)
+    costs = np.where(touching_actions(table, scene.vessel), np.inf, action_costs(scene, table))
+    losses = np.where(scene.vessel, np.inf, loss_costs(table.volume, ~scene.target, scene.spacing))
+    state = _State(attached, sewn & attached[sides].all(axis=1), sides, costs, losses)
     # What hangs on the target alone is lost with it; the flow itself does not know that tissue must hang on something.
     off = attached & (scene.target | ~_held(state, attached & ~scene.target, scene.anchor))
     is_exact = True
     while True:
+        if np.isinf(_limit(state, off)):
+            nothing = np.zeros(0, dtype=np.int64)
+            return MinimumCut(nothing, np.inf, np.zeros(table.n_tetrahedra, dtype=bool), is_exact)
         comes_off, is_removed = _split(scene, table, state, off)
         stays = attached & ~comes_off & ~is_removed
         islands = stays & ~_held(state, stays, scene.anchor)
@@ -131,21 +141,29 @@ def _split(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple
     return reached_out & state.is_attached, reached_in & ~reached_out & state.is_attached
 
 
+def _limit(state: _State, off: Array) -> float:
+    """Return what it costs to cut what must come off all around.
+
+    It is infinite only where there is no way at all: a vessel's tetrahedron among what must come off is lost however it is done,
+    and one across a face can neither be cut from it nor have it removed.
+    """
+    faces = np.flatnonzero(state.is_sewn)
+    first, second = state.sides[faces].T
+    return float(state.costs[faces[off[first] != off[second]]].sum() + state.losses[off].sum())
+
+
 def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> Any:
     """Return the capacities in whole numbers, int32 csr; rows are in-nodes, out-nodes, source, sink."""
-    n_tets, n_faces = table.n_tetrahedra, table.n_faces
-    costs = action_costs(scene, table)
-    losses = loss_costs(table.volume, ~scene.target, scene.spacing)
+    n_tets, n_faces, costs = table.n_tetrahedra, table.n_faces, state.costs
     attached = np.flatnonzero(state.is_attached)
     faces = np.flatnonzero(state.is_sewn)
     first, second = state.sides[faces].T
-    is_rim = off[first] != off[second]
     # Cutting what must come off all around is one way, so no flow exceeds its cost and no capacity need be larger.
-    limit = costs[faces[is_rim]].sum() + losses[off].sum()
+    limit = _limit(state, off)
     scale = FLOW_LIMIT / limit if limit > 0.0 else 1.0
     endless = np.inf
     removal = np.where(scene.anchor, endless, costs[n_faces:])
-    leak = np.where(scene.anchor, endless, losses)
+    leak = np.where(scene.anchor, endless, state.losses)
     parts = [
         (attached, attached + n_tets, removal[attached]),
         (first + n_tets, second, costs[faces]),

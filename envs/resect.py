@@ -36,7 +36,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
     reward_terms (name -> raw and weighted; the weighted ones sum to the reward), is_illegal, scene and scene_seed.
 
     `reset(seed=...)` fixes the whole sequence of scenes; `reset(options=...)` may choose the next one by `index`,
-    `scene_seed` or `scene`, and change it by `load_factor`, `load`, `target` or `young_modulus`.
+    `scene_seed` or `scene`, and change it by `load_factor`, `load`, `target`, `young_modulus`, `mesh` or `kappa`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}

@@ -14,6 +14,7 @@ from envs.arrays import (
     FACE,
     HEALTHY_STRAIN,
     IS_FINITE,
+    IS_TOUCHED,
     TARGET_VOLUME,
     TASK_EXTENTS,
     TaskArrays,
@@ -149,7 +150,8 @@ class TaskRows:
     def judge(self) -> Array:
         """Return what each row has come to since it settled: None, "separated" or a collapse, object (n_rows,)."""
         numbers = self.play.numbers[:, HEALTHY_STRAIN : TARGET_VOLUME + 1].T
-        tissue = Tissue._make((*numbers, (self.play.whole[:, IS_FINITE] != 0) & ~self.has_diverged))
+        is_finite, is_touched = self.play.whole[:, [IS_FINITE, IS_TOUCHED]].T != 0
+        tissue = Tissue._make((*numbers, is_finite & ~self.has_diverged, is_touched))
         outcomes = collapse_reasons(tissue, tissue.healthy_volume / self.settings.healthy_volume, self.settings)
         outcomes[(tissue.target_volume == 0.0) & (outcomes == None)] = SEPARATED  # noqa: E711, each element is compared
         return outcomes

@@ -89,14 +89,25 @@ class Scene:
     certificate: Certificate | None = None
     """Proof that the scene can be solved, where one has been found."""
 
+    no_cut: Array | None = None
+    """Vessel: healthy tetrahedra that must not be laid open, bool, shape (n_tetrahedra,); None for none."""
+
+    tool_radius: float | None = None
+    """How far from the last cut the next may lie, in units of length h; None for anywhere."""
+
     @cached_property
     def anchor(self) -> Array:
         """Return the tetrahedra with a pinned corner, bool, shape (n_tetrahedra,)."""
         return _read_only(np.asarray(self.pinned[self.mesh.tetrahedra].any(axis=1)))
 
+    @cached_property
+    def vessel(self) -> Array:
+        """Return the tetrahedra that must not be laid open, bool, shape (n_tetrahedra,)."""
+        return _read_only(np.zeros(self.mesh.n_tetrahedra, bool)) if self.no_cut is None else self.no_cut
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone."""
-        return {name: value for name, value in self.__dict__.items() if name != "anchor"}
+        return {name: self.__dict__[name] for name in self.__dataclass_fields__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over the fields; unpickled arrays would be writable, so they are frozen here too."""
@@ -111,7 +122,7 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
 
     Args:
         config: what all seeds have in common.
-        seed: what the target, the stiffness field and the load direction are drawn from, in this order.
+        seed: what the target, the stiffness field, the load direction and the vessel are drawn from, in this order.
         certificate: proof to attach; its load factor scales the load.
     """
     rng = np.random.default_rng(seed)
@@ -124,7 +135,8 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
         lacking = "target (anchor tetrahedra never belong to it)" if is_anchor.any() else "pinned"
         raise ConfigError(f"scene {config.name!r}, seed {seed}: no tetrahedron is chosen by {lacking}")
     young_modulus = modulus_field(config.material, mesh, rng)
-    direction = np.round(config.load.direction.draw(rng), DIRECTION_DIGITS)
+    direction = np.round(config.load.direction.draw(mesh, target, rng), DIRECTION_DIGITS)
+    vessel = None if config.no_cut is None else _read_only(config.no_cut.draw(mesh, target, pinned, rng))
     # The footprint of the target, so that the force grows with it as a traction would.
     footprint = float(mesh.volumes[target].sum()) ** (2.0 / 3.0)
     factor = 1.0 if certificate is None else certificate.load_factor
@@ -142,6 +154,8 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
         limits=config.limits,
         budget=config.budget,
         certificate=certificate,
+        no_cut=vessel,
+        tool_radius=None if config.tool is None else config.tool.radius,
     )
 
 

@@ -7,18 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
-from envs.scene_kinds import (
-    BoxMesh,
-    ConeDirection,
-    EllipsoidTarget,
-    FileMesh,
-    FixedDirection,
-    PinnedPlane,
-    PinnedRegion,
-    RegionTarget,
-    TopCubeTarget,
-    Vector,
-)
+from envs.scene_kinds import BoxMesh, ConeDirection, FileMesh, FixedDirection, OutwardDirection, PinnedPlane, PinnedRegion, Vector
+from envs.targets import Channel, EllipsoidTarget, NoCutRegion, RegionTarget, TopCubeTarget, UnderSurfaceTarget
 from gmapspring.config import Config, closest
 from gmapspring.integrators import INTEGRATORS
 
@@ -46,7 +36,7 @@ class Load(Config):
 
     traction: PositiveFloat
     """Force per footprint of the target, (its volume)^(2/3) [Pa], before calibration."""
-    direction: Annotated[ConeDirection | FixedDirection, Field(discriminator="kind")]
+    direction: Annotated[ConeDirection | OutwardDirection | FixedDirection, Field(discriminator="kind")]
 
 
 class Physics(Config):
@@ -90,6 +80,14 @@ class Limits(Config):
     """Smallest volume of attached healthy tissue over that at the start."""
 
 
+class Tool(Config):
+    """Describe a blade that moves from cut to cut."""
+
+    radius: PositiveFloat
+    """How far apart the centroids of two cuts in a row may lie at rest, in units of length h; where nothing legal lies so near,
+    the tool is set down anew anywhere."""
+
+
 class Split(Config):
     """Reserve seeds for one use."""
 
@@ -124,7 +122,11 @@ class SceneConfig(Config):
     mesh: Annotated[BoxMesh | FileMesh, Field(discriminator="kind")]
     material: MaterialField
     pinned: Annotated[PinnedPlane | PinnedRegion, Field(discriminator="kind")]
-    target: Annotated[TopCubeTarget | EllipsoidTarget | RegionTarget, Field(discriminator="kind")]
+    target: Annotated[TopCubeTarget | EllipsoidTarget | UnderSurfaceTarget | RegionTarget, Field(discriminator="kind")]
+    no_cut: Annotated[NoCutRegion | Channel, Field(discriminator="kind")] | None = None
+    """Vessel: what must not be laid open; by default nothing."""
+    tool: Tool | None = None
+    """What cuts; by default something that gets anywhere at once."""
     load: Load
     physics: Physics
     limits: Limits
@@ -148,4 +150,6 @@ class SceneConfig(Config):
     def _cubes_need_a_box(self) -> Self:
         if isinstance(self.target, TopCubeTarget) and not isinstance(self.mesh, BoxMesh):
             raise ValueError("target.kind 'top_cube' needs mesh.kind 'box'; choose 'ellipsoid' or 'region'")
+        if isinstance(self.no_cut, Channel) and not (isinstance(self.mesh, BoxMesh) and isinstance(self.pinned, PinnedPlane)):
+            raise ValueError("no_cut.kind 'channel' needs mesh.kind 'box' and pinned.kind 'plane'; choose 'region'")
         return self

@@ -1,6 +1,6 @@
-"""Parts of a scene file that come in several kinds, told apart by the key `kind`: mesh, pinned, target, direction.
+"""Parts of a scene file that come in several kinds, told apart by the key `kind`: mesh, pinned, direction.
 
-To add a kind is to add its model here and name it in scene_config.py.
+Targets and vessels are in targets.py. To add a kind is to add its model here and name it in scene_config.py.
 """
 
 import pathlib
@@ -10,15 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
+from envs.surface import surface_of
 from gmapspring.config import Config
 from gmapspring.errors import ConfigError
 from gmapspring.mesh import Mesh
 
 Array = np.ndarray[Any, Any]
 Vector = tuple[float, float, float]
-
-ELLIPSOID_DRAWS = 50
-"""Ellipsoids drawn before a target is given up as too small for the mesh."""
 
 
 class BoxMesh(Config):
@@ -67,59 +65,7 @@ class PinnedRegion(Config):
 
     def points(self, mesh: Mesh) -> Array:
         """Return the pinned points, bool, shape (n_points,)."""
-        return _region(mesh.point_regions, self.name, "pinned.name").copy()
-
-
-class TopCubeTarget(Config):
-    """Free one random cube of the top layer; only for a box."""
-
-    kind: Literal["top_cube"]
-
-    def draw(self, mesh: Mesh, source: BoxMesh | FileMesh, spacing: float, rng: np.random.Generator) -> Array:
-        """Return the target, bool, shape (n_tetrahedra,)."""
-        assert isinstance(source, BoxMesh)  # SceneConfig sees to it
-        n_x, n_y, n_z = source.cells
-        i, j = rng.integers(0, n_x), rng.integers(0, n_y)
-        cube_of = np.arange(mesh.n_tetrahedra) // 6
-        return np.asarray(cube_of == (i * n_y + j) * n_z + n_z - 1)
-
-
-class EllipsoidTarget(Config):
-    """Free what lies in a random ellipsoid near the top."""
-
-    kind: Literal["ellipsoid"]
-    radius: PositiveFloat
-    """Mean half-axis, in units of length h; each half-axis is 0.8 to 1.25 of it."""
-    min_tetrahedra: PositiveInt = 6
-    """Fewest tetrahedra that make a target; a smaller one is drawn again."""
-
-    def draw(self, mesh: Mesh, source: BoxMesh | FileMesh, spacing: float, rng: np.random.Generator) -> Array:
-        """Return the target, bool, shape (n_tetrahedra,)."""
-        centroids = mesh.points[mesh.tetrahedra].mean(axis=1)
-        low, extent = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
-        radius = self.radius * spacing
-        for _ in range(ELLIPSOID_DRAWS):
-            centre = low + extent * rng.uniform([0.25, 0.25, 1.0], [0.75, 0.75, 1.0])
-            centre[2] -= rng.uniform(0.0, 0.5) * radius
-            distance = (centroids - centre) / (radius * rng.uniform(0.8, 1.25, 3))
-            inside = np.asarray((distance**2).sum(axis=1) < 1.0)
-            if inside.sum() >= self.min_tetrahedra:
-                return inside
-        raise ConfigError(
-            f"target.radius = {self.radius} h ({radius:.3g} m) gave fewer than {self.min_tetrahedra} tetrahedra "
-            f"in {ELLIPSOID_DRAWS} draws; enlarge it"
-        )
-
-
-class RegionTarget(Config):
-    """Free a named region of tetrahedra of the mesh file."""
-
-    kind: Literal["region"]
-    name: str
-
-    def draw(self, mesh: Mesh, source: BoxMesh | FileMesh, spacing: float, rng: np.random.Generator) -> Array:
-        """Return the target, bool, shape (n_tetrahedra,)."""
-        return _region(mesh.cell_regions, self.name, "target.name").copy()
+        return region_of(mesh.point_regions, self.name, "pinned.name").copy()
 
 
 class ConeDirection(Config):
@@ -129,11 +75,30 @@ class ConeDirection(Config):
     width: PositiveFloat
     """Spread: a standard normal vector, folded upward, gets 1 / width added to its height."""
 
-    def draw(self, rng: np.random.Generator) -> Array:
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
         """Return a unit vector, shape (3,)."""
         direction = rng.normal(size=3)
         direction[2] = abs(direction[2]) + 1.0 / self.width
-        return _unit(direction)
+        return unit(direction)
+
+
+class OutwardDirection(Config):
+    """Pull in a random direction that leads out of the body where the target lies bare."""
+
+    kind: Literal["outward"]
+    width: PositiveFloat
+    """Spread: a standard normal vector, folded outward, gets 1 / width added to its outward part."""
+
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
+        """Return a unit vector, shape (3,)."""
+        surface = surface_of(mesh)
+        outward = surface.area[target[surface.tetrahedron]].sum(axis=0)
+        if not outward.any():
+            raise ConfigError("load.direction.kind 'outward' needs a target with a face on the surface; choose 'cone' or 'fixed'")
+        outward = unit(outward)
+        direction = rng.normal(size=3)
+        along = direction @ outward
+        return unit(direction + (abs(along) - along + 1.0 / self.width) * outward)
 
 
 class FixedDirection(Config):
@@ -149,17 +114,17 @@ class FixedDirection(Config):
             raise ValueError("give a direction other than zero")
         return vector
 
-    def draw(self, rng: np.random.Generator) -> Array:
+    def draw(self, mesh: Mesh, target: Array, rng: np.random.Generator) -> Array:
         """Return a unit vector, shape (3,)."""
-        return _unit(np.array(self.vector))
+        return unit(np.array(self.vector))
 
 
-def _unit(vector: Array) -> Array:
+def unit(vector: Array) -> Array:
     """Return a vector divided by its length."""
     return np.asarray(vector / np.sqrt((vector**2).sum()))
 
 
-def _region(regions: Mapping[str, Array], name: str, path: str) -> Array:
+def region_of(regions: Mapping[str, Array], name: str, path: str) -> Array:
     """Return a named region of a mesh, or raise with the names there are."""
     if name not in regions:
         raise ConfigError(f"{path}: the mesh has no region {name!r}; it has {', '.join(sorted(regions)) or 'none'}")

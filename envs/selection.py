@@ -6,9 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.action_table import action_table
+from envs.calibrate import recalibrated
 from envs.scene import Scene
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
+from gmapspring.mesh import Mesh
 
 CHOICES = {
     "index": "number of a scene in the environment's list",
@@ -22,8 +25,10 @@ CHANGES = {
     "load": "total force on the target [N], shape (3,)",
     "target": "tetrahedra to be freed, bool, shape (n_tetrahedra,)",
     "young_modulus": "stiffness [Pa], shape (n_tetrahedra,)",
+    "mesh": "a Mesh with as many points, tetrahedra and interior faces; all else is kept",
+    "kappa": "peak strain of the gentlest known order over the limit: the load is scaled to it",
 }
-"""Options that change the chosen scene; a changed scene has no certificate."""
+"""Options that change the chosen scene, `kappa` after all others; of a changed scene only what kappa proves anew is certified."""
 
 
 class Selection(NamedTuple):
@@ -80,6 +85,18 @@ def _chosen(scenes: Sequence[Scene], drawn: int, options: Mapping[str, Any]) -> 
 
 
 def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """Return a scene with some of it replaced, and its load scaled if that is asked for."""
+    others = {name: value for name, value in changes.items() if name != "kappa"}
+    changed = _replaced(scene, others) if others else scene
+    if "kappa" not in changes:
+        return changed
+    kappa = float(_array("kappa", changes["kappa"], ()))
+    if not 0.0 < kappa < 1.0:
+        raise ConfigError(f"options.kappa = {kappa:g} does not lie between 0 and 1")
+    return recalibrated(changed, kappa)
+
+
+def _replaced(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """Return a scene with some of it replaced: what was proved of the old one does not hold for it."""
     n_tets = scene.mesh.n_tetrahedra
     values: dict[str, Any] = {"certificate": None}
@@ -97,13 +114,28 @@ def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
             target.dtype != np.bool_
             or target.shape != (n_tets,)
             or not target.any()
-            or (target & scene.anchor).any()
+            or (target & (scene.anchor | scene.vessel)).any()
         ):
             raise ConfigError(
-                f"options.target must be a bool mask of shape ({n_tets},), not empty and without anchors"
+                f"options.target must be a bool mask of shape ({n_tets},), not empty and without anchors and vessels"
             )
         values["target"] = _frozen(target)
-    return dataclasses.replace(scene, **values)
+    if "mesh" in changes:
+        values["mesh"] = _fitting(changes["mesh"], scene.mesh)
+    changed = dataclasses.replace(scene, **values)
+    if (changed.target & changed.anchor).any():
+        raise ConfigError("options.mesh has target tetrahedra at pinned points; number both as the scene's mesh does")
+    return changed
+
+
+def _fitting(mesh: Any, old: Mesh) -> Mesh:
+    """Return a mesh that can take the place of a scene's, or raise."""
+    if not isinstance(mesh, Mesh):
+        raise ConfigError(f"options.mesh must be a gmapspring Mesh, not {type(mesh).__name__}")
+    given, wanted = ((each.n_points, each.n_tetrahedra, action_table(each).n_faces) for each in (mesh, old))
+    if given != wanted:
+        raise ConfigError(f"options.mesh has {given} points, tetrahedra and interior faces; the scene's has {wanted}")
+    return mesh
 
 
 def _array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:

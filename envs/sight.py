@@ -23,7 +23,7 @@ class Sight(NamedTuple):
     shares: Array
     """What a tetrahedron adds to each of its nodes: target mass [kg], and mass times log(E / E0) [kg], (n_tetrahedra, 2)."""
     tetrahedra: Array
-    """Rows of the table of tetrahedra while they are whole and whatever they hang on, float32 (n_tetrahedra, 10)."""
+    """Rows of the table of tetrahedra while they are whole and whatever they hang on, float32 (n_tetrahedra, 11)."""
     faces: Array
     """Rows of the table of faces while they are sewn, float32 (n_faces, 5)."""
     face_tetrahedra: Array
@@ -41,9 +41,10 @@ def sight_of(scene: Scene, table: ActionTable) -> Sight:
     """Return the constants of a scene."""
     stiffness = np.log(scene.young_modulus / scene.reference_modulus)
     mass = scene.physics.density * table.volume
-    tetrahedra = np.zeros((table.n_tetrahedra, 10), np.float32)
+    tetrahedra = np.zeros((table.n_tetrahedra, 11), np.float32)
     tetrahedra[:, :2] = 1.0
-    for column, values in ((2, scene.target), (3, scene.anchor), (6, stiffness), (7, 6.0 * table.volume / scene.spacing**3)):
+    size = 6.0 * table.volume / scene.spacing**3
+    for column, values in ((2, scene.target), (3, scene.anchor), (6, stiffness), (7, size), (10, scene.vessel)):
         tetrahedra[:, column] = values
     faces = np.column_stack([np.ones(table.n_faces), table.face_area / scene.spacing**2, table.face_centroid / scene.spacing])
     corners = 4 * table.face_tetrahedra[:, :, None] + table.face_corners
@@ -74,6 +75,6 @@ def no_sight() -> Sight:
     """Return the constants of no scene: what the types of their arrays are."""
     nothing, single = np.zeros(0), np.float32
     return Sight(
-        np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 10), single), np.zeros((0, 5), single), np.zeros((0, 2), single),
+        np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 11), single), np.zeros((0, 5), single), np.zeros((0, 2), single),
         np.zeros((0, 6), np.int32), nothing, nothing,
     )  # fmt: skip

@@ -1,11 +1,13 @@
 """Scenes made ready to be played, and kept so: a reset restores a settled body instead of building one."""
 
+import math
 from collections import OrderedDict
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from envs.optimum import minimum_cut
 from envs.scene import Scene
 from envs.task import Resection
+from gmapspring.errors import ConfigError
 
 KEPT_TETRAHEDRA = 40_000
 """Size of all bodies that an environment keeps settled, together; about 100 MB."""
@@ -29,7 +31,10 @@ class Stage(NamedTuple):
 def build_stage(scene: Scene) -> Stage:
     """Build and settle the body of a scene; without a certificate the optimum is worked out here."""
     task = Resection(scene)
-    return Stage(task, scene.certificate.optimum if scene.certificate else minimum_cut(scene, task.table).cost)
+    optimum = scene.certificate.optimum if scene.certificate else minimum_cut(scene, task.table).cost
+    if math.isinf(optimum):
+        raise ConfigError(f"scene {scene.name!r}, seed {scene.seed}: no cuts free the target and spare the vessel")
+    return Stage(task, optimum)
 
 
 def step_limit(n_actions: int) -> int:

@@ -18,6 +18,7 @@ from envs.arrays import (
     HEALTHY_STRAIN,
     HEALTHY_VOLUME,
     IS_FINITE,
+    IS_TOUCHED,
     LAYOUTS,
     N_COMPONENTS,
     TARGET_VOLUME,
@@ -201,7 +202,7 @@ class Resection:
     def tissue(self) -> Tissue:
         """Return what was measured when the body last settled."""
         numbers = self.play.numbers[HEALTHY_STRAIN: TARGET_VOLUME + 1].tolist()
-        return Tissue._make((*numbers, bool(self.play.whole[IS_FINITE])))
+        return Tissue._make((*numbers, *(self.play.whole[[IS_FINITE, IS_TOUCHED]] != 0).tolist()))
 
     @property
     def healthy_share(self) -> float:

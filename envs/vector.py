@@ -18,7 +18,7 @@ from envs.observation_kernel import Observation
 from envs.rewards import Transition, reward, reward_weights
 from envs.rows import Start, TaskRows, start_of
 from envs.scene import Scene
-from envs.selection import select
+from envs.selection import CHOICES, Selection, select
 from envs.stage import BUDGET, StageCache, build_stage, step_limit
 from envs.vector_info import joined, picked
 from gmapspring.config import closest
@@ -181,11 +181,15 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
     def _begin(self, rows: Array, options: Mapping[str, Any]) -> None:
         """Begin an episode in some rows."""
         built: dict[int, Start] = {}
+        # Rows that play the same scene share what is made of it.
+        selected: dict[int, Selection] = {}
+        is_drawn = not any(name in options for name in CHOICES)
         for row in rows.tolist():
             generator = self._generators[row] = self._generators[row] or seeding.np_random(None)[0]
             # Drawn whatever the options say, so that they do not shift the scenes that follow.
             drawn = int(generator.integers(len(self.scenes)))
-            selection = select(self.scenes, drawn, options)
+            key = drawn if is_drawn else 0
+            selection = selected[key] = selected.get(key) or select(self.scenes, drawn, options)
             scene = selection.scene
             if scene is None:
                 start = self._start_of(selection.place)

@@ -168,7 +168,7 @@ def _locate(location: tuple[int | str, ...], model: type[BaseModel]) -> tuple[st
         if step == "[key]":
             continue
         path.append(str(step))
-        fields = [name for item in models for name in item.model_fields]
+        fields = [field.alias or name for item in models for name, field in item.model_fields.items()]
         annotations = [inner for item in annotations for inner in _step(item, step)]
     return ".".join(path), fields
 

@@ -14,6 +14,12 @@ def configs_folder() -> pathlib.Path:
     raise FileNotFoundError(f"no configs folder in {package} or beside it; install the package again")
 
 
+def config_file(kind: str, name: str) -> pathlib.Path:
+    """Return the file of a configuration: a path if it looks like one, else what ships under configs/kind by that name."""
+    path = pathlib.Path(name)
+    return path if path.suffix in (".yaml", ".yml") else configs_folder() / kind / f"{name}.yaml"
+
+
 def write_atomically(path: pathlib.Path, content: bytes) -> None:
     """Write a file beside its place and move it there: whoever reads it sees the old file or the new one."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")

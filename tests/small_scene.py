@@ -6,9 +6,33 @@ from envs.action_table import action_table
 from envs.optimum import minimum_cut
 from envs.scene import Certificate, Scene
 from envs.scene_config import Limits, Physics
+from envs.targets import Channel
 from gmapspring import meshes
+from gmapspring.mesh import Mesh
 
 SPACING = 0.01
+CUBES = meshes.box((2, 2, 2), spacing=SPACING)
+BENT = Mesh(CUBES.points + 0.1 * SPACING * np.sin(300.0 * CUBES.points[:, [1, 2, 0]]), CUBES.tetrahedra)
+"""The same box of unequal tetrahedra."""
+
+
+VARIANTS = ("plain", "vessel", "tool", "two targets", "all together")
+"""Rules that a scene may add to the plain ones."""
+
+
+def variant_scene(variant, seed=0, **changes):
+    """Return a small scene under other rules."""
+    scene = small_scene(seed, **changes)
+    n_tets, rules = scene.mesh.n_tetrahedra, {}
+    if variant in ("two targets", "all together"):
+        # the top cubes of two opposite corners: they share an edge and no face
+        rules["target"] = np.isin(np.arange(n_tets) // 6, (1, n_tets // 6 - 1))
+    if variant in ("vessel", "all together"):
+        target = rules.get("target", scene.target)
+        rules["no_cut"] = Channel(kind="channel").draw(scene.mesh, target, scene.pinned, np.random.default_rng(seed))
+    if variant in ("tool", "all together"):
+        rules["tool_radius"] = 0.6
+    return small_scene(seed, **changes | rules)
 
 
 def small_scene(seed=0, cells=(2, 2, 2), load=0.2, **changes):

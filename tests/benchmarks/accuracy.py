@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from gmapspring import machine
 from gmapspring.paths import write_atomically
-from tests.benchmarks import machine
 from tests.benchmarks.studies import choice, continuum, drift, labels, simplifications, work_precision
 from tests.benchmarks.study import SECTION, Plan, Run, write_study
 
@@ -72,19 +72,12 @@ def run_study(name: str, folder: pathlib.Path, is_quick: bool, console: Console)
     try:
         with console.status(name) as status:
             study = STUDIES[name](Plan(is_quick, lambda text: status.update(f"{name}: {text}"), folder))
-        write_study(folder, name, study, about())
+        write_study(folder, name, study, machine.in_a_line(("numpy", "numba", "scipy")))
     except Exception:
         console.print(f"{name} failed:\n{traceback.format_exc()}", highlight=False, markup=False)
         return False
     console.print(f"{name} took {time.perf_counter() - begin:.0f} s", highlight=False)
     return True
-
-
-def about() -> str:
-    """Return date and machine in a line."""
-    facts = machine.describe()
-    versions = ", ".join(f"{name} {facts['versions'][name]}" for name in ("numpy", "numba", "scipy"))
-    return f"{facts['date']}, {facts['processor']}, one core, {facts['system']}, Python {facts['python']}, {versions}"
 
 
 def write_page(folder: pathlib.Path, path: pathlib.Path) -> None:

@@ -12,8 +12,8 @@ from functools import cache
 import numba
 import numpy as np
 
+from gmapspring.machine import cpu_flags
 from tests.benchmarks.bodies import IndexedModel
-from tests.benchmarks.machine import cpu_flags
 from tests.benchmarks.timing import Stepper, timed
 
 SOURCE = pathlib.Path(__file__).with_name("spring_step.c")

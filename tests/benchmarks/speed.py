@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tests.benchmarks import machine, report
+from gmapspring import machine
+from tests.benchmarks import report
 from tests.benchmarks.registry import GROUPS, TITLES
 from tests.benchmarks.rows import Plan, Row, failed, reason_of
 

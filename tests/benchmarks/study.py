@@ -2,7 +2,6 @@
 
 import csv
 import io
-import math
 import pathlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from gmapspring.markdown import as_markdown
 from gmapspring.paths import write_atomically
 
 SECTION = "section.md"
@@ -74,24 +74,6 @@ def write_study(folder: pathlib.Path, key: str, study: Study, about: str) -> Non
         write_atomically(place / f"{name}.csv", as_csv(rows).encode())
     # Last, so that a section that is there is a whole one.
     write_atomically(place / SECTION, ("\n\n".join(part for part in parts if part) + "\n").encode())
-
-
-def as_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows as a Markdown table; NaN is shown as such."""
-    if not rows:
-        return ""
-    lines = [f"| {' | '.join(rows[0])} |", f"|{'---|' * len(rows[0])}"]
-    lines += [f"| {' | '.join(cell(value) for value in row.values())} |" for row in rows]
-    return "\n".join(lines)
-
-
-def cell(value: Any) -> str:
-    """Return a value as it stands in a table: numbers with three digits that matter."""
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return str(value)
-        return f"{value:.3g}" if value == 0 or 1e-3 <= abs(value) < 1e5 else f"{value:.2e}"
-    return str(value).replace("|", "\\|").replace("\n", " ")
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:

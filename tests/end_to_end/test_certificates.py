@@ -12,7 +12,7 @@ from rich.console import Console
 
 from envs import certify
 from envs.action_table import action_table
-from envs.calibrate import LOAD_TOLERANCE
+from envs.calibrate import LOAD_TOLERANCE, proven_plan
 from envs.library import certificate_path, load_scene_config, load_scenes, read_certificates, scene_digest, shipped_scenes
 from envs.optimum import minimum_cut
 from envs.order import beam_order, exact_order, replay
@@ -78,6 +78,14 @@ def test_the_order_matters(name):
     # The same cuts by ascending number, blind to the physics, tear many bodies; the larger, the more.
     scenes = load_scenes(name, "test")
     assert np.mean([replay(Resection(scene), scene.certificate.plan).survives for scene in scenes]) < LARGEST_BLIND_SURVIVAL[name]
+
+
+def test_a_vessel_makes_the_cheapest_cuts_dearer_in_some_scenes_and_cheaper_in_none():
+    scenes = [scene for split in ("train", "validation", "test") for scene in load_scenes("box-192-vessel", split)]
+    table = action_table(scenes[0].mesh)
+    ratios = [scene.certificate.optimum / minimum_cut(dataclasses.replace(scene, no_cut=None), table).cost for scene in scenes]
+    assert min(ratios) > 1 - 1e-9
+    assert np.mean(np.array(ratios) > 1.001) > 0.05
 
 
 def test_certifying_a_seed_again_gives_the_shipped_certificate():
@@ -202,6 +210,66 @@ def test_a_plan_that_ends_otherwise_under_other_physics_is_rejected(monkeypatch)
 def test_sampled_certificates_end_alike_under_other_physics(name, split):
     for scene in load_scenes(name, split)[::40]:
         assert certify.ends_alike(load_scene_config(name), scene.seed, scene.certificate)
+
+
+def test_a_seed_that_no_cuts_solve_is_rejected_with_the_reason():
+    scene = build_scene(load_scene_config("box-48"), 0)
+    cut = minimum_cut(dataclasses.replace(scene, no_cut=~scene.target), action_table(scene.mesh))
+    with pytest.raises(certify.Rejected, match="no cuts free the target and spare the vessel"):
+        proven_plan(cut)
+    with pytest.raises(certify.Rejected, match="optimum not proven"):
+        proven_plan(cut._replace(is_exact=False))
+
+
+def test_an_order_that_a_tool_cannot_follow_is_no_proof():
+    # With a tool that reaches as far as its longest step the certificate holds, with a shorter one it does not.
+    scene = load_scenes("box-48", "test")[0]
+    task = Resection(scene)
+    steps = np.linalg.norm(np.diff(task.rules.centroid[list(scene.certificate.order)], axis=0), axis=1) / scene.spacing
+    wide, narrow = (dataclasses.replace(scene, tool_radius=factor * steps.max()) for factor in (1.01, 0.99))
+    plain, held, lost = (replay(Resection(each), scene.certificate.order) for each in (scene, wide, narrow))
+    assert plain == held and held.survives and held.is_in_reach
+    assert not lost.survives and not lost.is_in_reach
+    assert lost.peak_strain == held.peak_strain
+
+
+@pytest.mark.parametrize("find", [beam_order, lambda task, plan: exact_order(task, plan, np.inf)])
+def test_an_order_searched_for_a_tool_is_one_that_it_can_follow(find):
+    scene = load_scenes("box-48", "test")[0]
+    centroid = Resection(scene).rules.centroid
+    radius = 0.6
+    task = Resection(dataclasses.replace(scene, tool_radius=radius))
+    blind, found = beam_order(Resection(scene), scene.certificate.plan), find(task, scene.certificate.plan)
+    assert sorted(found) == list(scene.certificate.plan)
+    assert replay(task, found).is_in_reach and not replay(task, blind).is_in_reach
+    steps = np.linalg.norm(np.diff(centroid[list(found)], axis=0), axis=1) / scene.spacing
+    # Only an order that sets the tool down anew has longer steps.
+    assert steps.max() <= radius * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(("seed", "words"), [(0, "an order that survives"), (None, "no certificate:")])
+def test_one_seed_can_be_examined_alone_and_nothing_is_written(own_scene, capsys, seed, words):
+    config = load_scene_config(own_scene)
+    if seed is None:
+        data = yaml.safe_load(own_scene.read_text())
+        data["limits"]["volume_ratio"] = 0.95  # no tissue strained so keeps so much of its volume
+        own_scene.write_text(yaml.safe_dump(data))
+        seed = 1
+    assert certify.main([str(own_scene), "--seed", str(seed)]) == 0
+    printed = capsys.readouterr().out
+    cost = minimum_cut(build_scene(config, seed), action_table(build_scene(config, seed).mesh)).cost
+    assert f"seed {seed}" in printed and words in printed and f"is {cost:.6g} by" in printed
+    assert "peak strain" in printed or "searched: up to" in printed
+    assert not certificate_path(own_scene).exists()
+
+
+def test_one_seed_of_a_scene_with_mistakes_is_an_error(own_scene, capsys):
+    own_scene.write_text(own_scene.read_text().replace("kappa", "kapa"))
+    assert certify.main([str(own_scene), "--seed", "3"]) == 2
+    assert "did you mean 'kappa'" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stopped:
+        certify.main([str(own_scene), "--seed", "-1"])
+    assert stopped.value.code == 2
 
 
 def test_a_file_that_holds_no_certificates_is_refused(own_scene):

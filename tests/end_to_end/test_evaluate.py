@@ -35,6 +35,18 @@ def test_evaluate_prints_a_table_and_writes_a_line_per_episode(tmp_path, capsys)
     assert not list(out.parent.glob("*.unfinished"))
 
 
+def test_evaluate_tells_how_many_simulator_steps_thinking_took(tmp_path, capsys):
+    arguments = ["evaluate", "rim-first", "shield:rim-first", "search:30", "--scene", "box-48", "--episodes", 2]
+    code, printed, _ = run([*arguments, "--out", tmp_path / "episodes.csv"], capsys)
+    assert code == 0
+    assert "simulated steps" in printed
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    plain, shielded, searched = ([int(row["n_simulated"]) for row in rows[start : start + 2]] for start in (0, 2, 4))
+    assert plain == [0, 0]
+    assert all(spent >= int(row["n_steps"]) for spent, row in zip(shielded, rows[2:4], strict=True))
+    assert all(0 < spent <= 30 for spent in searched)
+
+
 def test_the_same_seed_gives_the_same_episodes(tmp_path, capsys):
     found = []
     for name in ("first.csv", "second.csv"):

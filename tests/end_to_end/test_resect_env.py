@@ -12,13 +12,18 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from envs import LEVELS
 from envs.actions import MASKS
 from envs.costs import CostParts
+from envs.library import shipped_scenes
+from envs.order import replay
 from envs.resect import ResectEnv
 from envs.rewards import REWARD_TERMS
+from gmapspring import meshes
 from gmapspring.errors import ConfigError, StateFileError
+from gmapspring.mesh import Mesh
 from tests.bits import assert_same_bits, bits_of
-from tests.small_scene import play, random_policy, small_scene, with_certificate
+from tests.small_scene import BENT, VARIANTS, play, random_policy, small_scene, variant_scene, with_certificate
 
 SCENES = [small_scene(seed) for seed in range(4)]
 
@@ -187,6 +192,11 @@ def test_options_change_a_scene_for_one_episode(env):
         ({"load": [1.0, 2.0]}, r"options\.load must be finite numbers of shape \(3,\)"),
         ({"target": np.zeros(48, bool)}, r"options\.target"),
         ({"young_modulus": np.zeros(48)}, r"options\.young_modulus must be positive"),
+        ({"kappa": 1.0}, r"options\.kappa = 1 does not lie between 0 and 1"),
+        ({"kappa": "hard"}, r"options\.kappa must be a finite number"),
+        ({"mesh": "box"}, r"options\.mesh must be a gmapspring Mesh, not str"),
+        ({"mesh": meshes.box((2, 2, 1))}, r"options\.mesh has \(18, 24, 32\) points, .*; the scene's has \(27, 48, 72\)"),
+        ({"mesh": Mesh(BENT.points, BENT.tetrahedra[::-1])}, r"options\.mesh has target tetrahedra at pinned points"),
     ],
 )
 def test_an_option_that_does_not_fit_is_an_error(env, options, message):
@@ -208,6 +218,59 @@ def test_an_option_that_does_not_fit_is_an_error(env, options, message):
 def test_a_constructor_argument_that_does_not_fit_is_an_error(arguments, message):
     with pytest.raises(ConfigError, match=message):
         ResectEnv(**{"scene": SCENES} | arguments)
+
+
+@pytest.mark.parametrize("kappa", [0.3, 0.5])
+@pytest.mark.parametrize("certificate", ["its own", None])
+def test_the_load_can_be_scaled_to_a_kappa_and_that_is_proven_anew(kappa, certificate):
+    scene = SCENES[1] if certificate else with_certificate(SCENES[1], None)
+    env = ResectEnv(scene)
+    env.reset(options={"kappa": kappa})
+    proved = env.scene.certificate
+    assert proved.peak_strain == pytest.approx(kappa * 0.5, rel=0.02)
+    assert replay(env.task, proved.order).peak_strain == proved.peak_strain
+    assert env.optimum == pytest.approx(SCENES[1].certificate.optimum, rel=1e-12)
+    np.testing.assert_allclose(env.scene.load, proved.load_factor * SCENES[1].load, rtol=1e-12)
+    assert (proved.order == SCENES[1].certificate.order) == bool(certificate)
+    plan = iter(proved.order)
+    steps = play(env, lambda *_: next(plan), options={"kappa": kappa})
+    assert steps[-1][4]["is_success"]
+    assert env.reset(options=None) and np.array_equal(env.task.load, scene.load)
+
+
+def test_a_kappa_that_the_body_does_not_survive_is_an_error_by_name():
+    # No tissue that is strained by 0.45 keeps 95 % of its volume everywhere.
+    env = ResectEnv(small_scene(1, limits=SCENES[0].limits.model_copy(update={"volume_ratio": 0.95})))
+    with pytest.raises(ConfigError, match=r"scene 'small', seed 1: no load gives kappa = 0\.9: tissue turns inside out"):
+        env.reset(options={"kappa": 0.9})
+    with pytest.raises(ConfigError, match=r"kappa = 0\.5: a load of zero has no direction"):
+        env.reset(options={"kappa": 0.5, "load": [0.0, 0.0, 0.0]})
+
+
+def test_another_mesh_takes_the_place_of_the_scene_s_and_all_else_stays(env):
+    env.reset(options={"index": 0, "mesh": BENT})
+    scene, old = env.scene, SCENES[0]
+    assert scene.mesh is BENT and scene.certificate is None
+    for name in ("target", "pinned", "anchor", "young_modulus", "load"):
+        assert np.array_equal(getattr(scene, name), getattr(old, name)), name
+    np.testing.assert_allclose(env.task.table.volume, BENT.volumes)
+    assert env.optimum != pytest.approx(old.certificate.optimum, rel=1e-4)
+    env.reset(options={"index": 0})
+    assert env.scene is old
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_every_shipped_scene_has_an_id_of_its_own(name):
+    env = gym.make(f"envs:Resect-{name}-v0", split="test")
+    assert env.unwrapped.scene.name == name
+    batch = gym.make_vec(f"envs:Resect-{name}-v0", num_envs=1, vectorization_mode="vector_entry_point", split="test")
+    assert batch.scene_of(0).name == name
+
+
+def test_no_id_names_a_scene_that_does_not_ship():
+    assert LEVELS == tuple(shipped_scenes())
+    ids = {f"Resect-{name}-v0" for name in shipped_scenes()} | {"Resect-v0", "ResectFlat-v0"}
+    assert {name for name in gym.registry if name.startswith("Resect")} == ids
 
 
 # Rules ------------------------------------------------------------------------------------------------------------
@@ -261,6 +324,24 @@ def test_a_load_that_is_too_much_is_a_collapse_by_name(env):
     assert steps[-1][4]["reward_terms"]["collapse"] == {"raw": 1.0, "weighted": -1.0}
 
 
+def test_a_vessel_laid_open_is_a_collapse_by_name():
+    env = ResectEnv(variant_scene("vessel"))
+    env.reset(seed=0)
+    sides = env.task.table.face_tetrahedra
+    face = np.flatnonzero(env.scene.vessel[sides].any(axis=1))[0]
+    _, reward, terminated, _, info = env.step(int(face))
+    assert terminated and info["reason"] == "vessel" and not info["is_success"]
+    assert info["reward_terms"]["collapse"]["weighted"] == -1.0 > reward
+    env.reset(seed=0)
+    assert env.step(int(env.scene.certificate.order[0]))[4]["reason"] != "vessel"
+
+
+def test_a_scene_that_cannot_be_solved_without_laying_the_vessel_open_is_refused():
+    vessel = ~SCENES[0].target
+    with pytest.raises(ConfigError, match="scene 'small', seed 0: no cuts free the target and spare the vessel"):
+        ResectEnv(small_scene(no_cut=vessel, certificate=None))
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_reward_terms_sum_to_the_reward_to_the_last_bit(env, seed):
     for _, reward, _, _, info in play(env, random_policy(seed), seed):
@@ -307,6 +388,29 @@ def test_loose_pieces_leave_the_body_and_the_load_stays_whole(env):
         task.simulation.check_validity()
         if not held.any():
             break
+
+
+def test_each_of_several_targets_bears_its_share_of_the_load_until_it_is_free():
+    scene = variant_scene("two targets")
+    env = ResectEnv(scene)
+    env.reset(seed=0)
+    task, target = env.task, np.flatnonzero(scene.target)
+    one, other = target[:6], target[6:]
+    # two cubes of equal volume: half of the load each
+    for free in (one, other):
+        attached = [cube for cube in (one, other) if task.is_attached[cube].any()]
+        for cube in attached:
+            held = task.simulation.body.tetrahedra.load[cube].sum(axis=(0, 1))
+            np.testing.assert_allclose(held, 0.5 * scene.load, rtol=1e-12)
+        assert task.outcome != "separated"
+        for tet in free.tolist():
+            if task.is_attached[tet]:
+                task.apply(task.table.n_faces + tet)
+                if task.is_attached[free].any():
+                    held = task.simulation.body.tetrahedra.load[free].sum(axis=(0, 1))
+                    np.testing.assert_allclose(held, 0.5 * scene.load, rtol=1e-12)
+    task.settle()
+    assert not task.is_attached[target].any()
 
 
 def test_a_finished_episode_asks_for_a_reset(env):
@@ -411,7 +515,9 @@ def test_a_copy_goes_on_from_the_middle_of_an_episode(env, duplicate):
     assert first_scenes(env) == first_scenes(twin)
 
 
-def test_snapshots_of_the_task_restore_it_to_the_last_bit(env):
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_snapshots_of_the_task_restore_it_to_the_last_bit(variant):
+    env = ResectEnv(variant_scene(variant))
     env.reset(seed=0)
     task = env.task
     rng = np.random.default_rng(0)

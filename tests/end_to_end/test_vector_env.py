@@ -13,7 +13,7 @@ from envs.actions import MASKS
 from envs.resect import ResectEnv
 from envs.vector import ResectVectorEnv
 from gmapspring.errors import ConfigError
-from tests.small_scene import small_scene
+from tests.small_scene import BENT, VARIANTS, small_scene, variant_scene
 
 SCENES = [small_scene(seed, load=0.1 + 0.1 * seed) for seed in range(4)]
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
@@ -73,6 +73,18 @@ def play_both(batch, single, n_steps=60, seed=3, rng=None):
 @pytest.mark.parametrize("mask", MASKS)
 def test_rows_are_single_environments_to_the_last_bit_over_several_episodes(mode, mask):
     assert play_both(*pair(mode, mask=mask, reward={"cost": -0.7, "illegal": -0.3})) > 2 * N
+
+
+@pytest.mark.parametrize("mask", MASKS)
+@pytest.mark.parametrize("variant", VARIANTS[1:])
+def test_rows_are_single_environments_under_other_rules_too(variant, mask):
+    scenes = [variant_scene(variant, seed, load=0.05 + 0.1 * seed) for seed in range(3)]
+    assert play_both(*pair(scenes=scenes, n=3, mask=mask), 40) > 3
+
+
+def test_rows_under_different_rules_stand_side_by_side():
+    scenes = [variant_scene(variant, seed, load=0.1) for seed, variant in enumerate(VARIANTS)]
+    assert play_both(*pair(scenes=scenes), 60) > N
 
 
 def test_rows_are_single_environments_on_a_shipped_level_too():
@@ -143,7 +155,8 @@ def test_without_a_seed_rows_differ_from_run_to_run():
 
 @pytest.mark.parametrize(
     "options",
-    [{"index": 2}, {"scene_seed": 3}, {"load_factor": 2.0}, {"index": 1, "load": [0.0, 0.0, 0.0]}, {"scene": small_scene(17)}],
+    [{"index": 2}, {"scene_seed": 3}, {"load_factor": 2.0}, {"index": 1, "load": [0.0, 0.0, 0.0]}, {"scene": small_scene(17)},
+     {"kappa": 0.3}, {"index": 1, "mesh": BENT}, {"scene_seed": 2, "mesh": BENT, "kappa": 0.5}],
 )
 def test_options_do_what_they_do_in_a_single_environment_and_shift_nothing(options):
     batch, single = pair()

@@ -13,9 +13,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from gmapspring import machine
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.paths import write_atomically
-from tests.benchmarks import machine
 from tests.benchmarks.report import number
 from tests.stability.cases import CASES, LONG_CASES, Case, Check, Verdict
 from tests.stability.page import Outcome, markdown

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from gmapspring import machine
 from gmapspring.integrators import INTEGRATORS
-from tests.benchmarks import machine
 from tests.stability import __main__ as command
 from tests.stability.cases import Check, Verdict
 from tests.stability.page import Outcome, markdown

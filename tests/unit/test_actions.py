@@ -10,7 +10,7 @@ from envs.actions import MASKS
 from envs.task import Resection
 from gmapspring.errors import TopologyError
 from tests.bits import assert_same_bits, bits_of
-from tests.small_scene import small_scene
+from tests.small_scene import VARIANTS, small_scene, variant_scene
 
 
 def naive_faces(mesh):
@@ -22,8 +22,26 @@ def naive_faces(mesh):
     return {face: pair for face, pair in owners.items() if len(pair) == 2}
 
 
-def naive_mask(task, mode):
-    """Return the legal actions, worked out from the nodes and springs alone."""
+def naive_mask(task, mode, last=None):
+    """Return the legal actions, worked out from the nodes and springs alone, given the last action."""
+    mask, scene = naive_mode(task, mode), task.scene
+    if scene.tool_radius is None or last is None:
+        return mask
+    places = [scene.mesh.points[sorted(face)].mean(axis=0) for face in ordered_faces(task)]
+    places += list(scene.mesh.points[scene.mesh.tetrahedra].mean(axis=1))
+    steps = np.linalg.norm(np.array(places) - places[last], axis=1) / scene.spacing
+    near = mask * (steps < scene.tool_radius + 1e-6)
+    return near.astype(np.int8) if near.any() else mask
+
+
+def ordered_faces(task):
+    """Return the points of every face that is an action, in the order of their ids."""
+    of_pair = {tuple(pair): face for face, pair in naive_faces(task.scene.mesh).items()}
+    return [of_pair[tuple(pair)] for pair in task.table.face_tetrahedra.tolist()]
+
+
+def naive_mode(task, mode):
+    """Return what a mode allows without a tool."""
     body, table, scene = task.simulation.body, task.table, task.scene
     is_alive = body.is_alive
     faces = []
@@ -99,13 +117,43 @@ def test_areas_are_herons(any_mesh):
     np.testing.assert_allclose(table.face_centroid, corners.mean(axis=1))
 
 
+@pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("mode", MASKS)
-def test_masks_equal_the_naive_ones_until_the_target_is_free(mode, rng):
-    task = Resection(small_scene())
+def test_masks_equal_the_naive_ones_until_the_target_is_free(mode, variant, rng):
+    task, last = Resection(variant_scene(variant)), None
     while (task.is_attached & task.scene.target).any():
         mask = task.action_mask(mode)
-        assert np.array_equal(mask, naive_mask(task, mode))
-        task.apply(int(rng.choice(np.flatnonzero(mask))))
+        assert np.array_equal(mask, naive_mask(task, mode, last))
+        last = int(rng.choice(np.flatnonzero(mask)))
+        task.apply(last)
+
+
+def test_a_tool_reaches_what_lies_near_its_last_cut_and_is_set_down_anew_where_nothing_does(rng):
+    task = Resection(variant_scene("tool"))
+    assert np.array_equal(task.action_mask(), naive_mode(task, "all"))  # the first cut may be anywhere
+    n_fewer = n_anew = 0
+    while (task.is_attached & task.scene.target).any():
+        # removals first: they use up what lies near
+        task.apply(int(np.flatnonzero(task.action_mask())[-1]))
+        left, everything = task.action_mask(), naive_mode(task, "all")
+        n_fewer += left.sum() < everything.sum()
+        n_anew += everything.any() and np.array_equal(left, everything)
+    assert n_fewer > 0 and n_anew > 0
+
+
+def test_a_snapshot_holds_the_place_of_the_tool(rng):
+    task = Resection(variant_scene("tool"))
+    masks, states = [], []
+    for _ in range(4):
+        masks.append(task.action_mask())
+        states.append(task.save_state())
+        task.apply(int(rng.choice(np.flatnonzero(masks[-1]))))
+    assert len({mask.tobytes() for mask in masks}) == 4
+    for mask, state in zip(masks, states, strict=True):
+        task.load_state(state)
+        assert np.array_equal(task.action_mask(), mask)
+    task.reset()
+    assert np.array_equal(task.action_mask(), masks[0])
 
 
 @pytest.mark.parametrize("mode", MASKS)

@@ -6,11 +6,11 @@ import pytest
 from envs.collapse import COLLAPSE_RULES, SEPARATED, Tissue, collapse_reason, collapse_reasons
 from envs.scene_config import Limits
 from envs.task import Resection
-from tests.small_scene import small_scene
+from tests.small_scene import small_scene, variant_scene
 
 EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 LIMITS = Limits(strain=0.5, volume_ratio=0.05, healthy_share=0.75)
-SOUND = Tissue(0.4, 0.9, 0.2, 7.5e-6, 1e-6, True)
+SOUND = Tissue(0.4, 0.9, 0.2, 7.5e-6, 1e-6, True, False)
 
 
 def move(task, transform):
@@ -55,6 +55,8 @@ def test_a_sound_body_has_no_reason():
     [
         (SOUND._replace(healthy_strain=0.51), 0.8, "tear"),
         (SOUND._replace(lowest_volume_ratio=0.04), 0.8, "inverted"),
+        (SOUND._replace(is_touched=True, healthy_strain=0.51), 0.74, "vessel"),
+        (SOUND._replace(is_finite=False, is_touched=True), 0.8, "numerical"),
         (SOUND, 0.74, "volume"),
         (SOUND._replace(is_finite=False, healthy_strain=9.0), 0.1, "numerical"),
     ],
@@ -66,7 +68,8 @@ def test_each_limit_has_its_reason(tissue, share, reason):
 def test_many_bodies_at_once_are_judged_as_one_by_one(rng):
     n = 200
     columns = [rng.uniform(0.0, 1.0, n), rng.uniform(0.0, 1.0, n), rng.uniform(-0.2, 1.0, n), rng.uniform(0.0, 1.0, n),
-               rng.uniform(0.0, 1.0, n), rng.random(n) < 0.8]  # fmt: skip
+               rng.uniform(0.0, 1.0, n), rng.random(n) < 0.8,
+               rng.random(n) < 0.1]  # fmt: skip
     share = rng.uniform(0.6, 1.0, n)
     reasons = collapse_reasons(Tissue(*columns), share, LIMITS)
     one_by_one = [collapse_reason(Tissue(*(column[i] for column in columns)), share[i], LIMITS) for i in range(n)]
@@ -84,7 +87,7 @@ def test_the_target_may_stretch_at_will():
 
 
 def test_reasons_are_all_that_a_body_can_end_with():
-    assert list(COLLAPSE_RULES) == ["numerical", "volume", "tear", "inverted"]
+    assert list(COLLAPSE_RULES) == ["numerical", "vessel", "volume", "tear", "inverted"]
     assert SEPARATED not in COLLAPSE_RULES
 
 
@@ -138,3 +141,43 @@ def test_a_state_that_blows_up_ends_the_episode_as_numerical():
     task.settle()
     assert task.outcome == "numerical"
     assert np.isfinite(task.simulation.body.nodes.position).all()
+
+
+def naive_touches(task, action):
+    """Tell whether an action lays open a face of a vessel's tetrahedron in the uncut mesh."""
+    sides, vessel = task.table.face_tetrahedra.tolist(), set(np.flatnonzero(task.scene.vessel).tolist())
+    if action < task.table.n_faces:
+        return bool(vessel & set(sides[action]))
+    tet = action - task.table.n_faces
+    return tet in vessel or any(tet in pair and vessel & set(pair) for pair in sides)
+
+
+def test_any_cut_that_lays_a_vessel_open_ends_the_episode_and_no_other_does():
+    task = Resection(variant_scene("vessel", load=0.0))
+    legal, seen = np.flatnonzero(task.action_mask()), []
+    for action in legal.tolist():
+        task.reset()
+        task.step(action)
+        seen.append(task.outcome == "vessel")
+        assert seen[-1] == naive_touches(task, action)
+    assert any(seen) and not all(seen)
+
+
+def test_a_vessel_that_comes_loose_counts_as_laid_open():
+    # A tower of three cubes; the vessel is the free corner of the topmost, which no cut below it touches.
+    scene = small_scene(cells=(1, 1, 3), load=0.0)
+    target = np.arange(18) // 6 == 1
+    table = Resection(scene).table
+    far = [tet for tet in range(12, 18) if not any(tet in pair and target[pair].any() for pair in table.face_tetrahedra)]
+    vessel = np.isin(np.arange(18), far[:1])
+    limits = scene.limits.model_copy(update={"healthy_share": 0.01})
+    task = Resection(small_scene(cells=(1, 1, 3), load=0.0, target=target, no_cut=vessel, limits=limits, certificate=None))
+    below = np.flatnonzero((table.face_tetrahedra < 6).any(axis=1) & (table.face_tetrahedra >= 6).any(axis=1))
+    for face in below.tolist():
+        assert task.outcome is None
+        task.step(face)
+    assert not task.is_attached[vessel].any()
+    assert task.outcome == "vessel"
+    task.reset()
+    task.settle()
+    assert task.outcome is None

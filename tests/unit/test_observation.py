@@ -5,7 +5,7 @@ import pytest
 
 from envs.observation import COLUMNS, IDS
 from envs.resect import ResectEnv
-from tests.small_scene import SPACING, fake_certificate, play, random_policy, small_scene, with_certificate
+from tests.small_scene import SPACING, fake_certificate, play, random_policy, small_scene, variant_scene, with_certificate
 
 PLACE = {name: {column.name: i for i, column in enumerate(columns)} for name, columns in COLUMNS.items()}
 
@@ -92,8 +92,11 @@ def test_a_nodes_row_is_that_of_its_lowest_corner(env):
         assert set(rows[vertex_of == node]) == {int(np.flatnonzero(vertex_of.ravel() == node)[0])}
 
 
-def test_tetrahedra_are_those_of_the_body(env):
+@pytest.mark.parametrize("variant", ["plain", "vessel"])
+def test_tetrahedra_are_those_of_the_body(variant):
+    env = ResectEnv(variant_scene(variant))
     env.reset(seed=0)
+    assert env.scene.vessel.any() == (variant == "vessel")
     first = int(np.flatnonzero(env.action_masks()[env.task.table.n_faces :])[-1])
     observation = env.step(env.task.table.n_faces + first)[0]
     table, place = observation["tetrahedra"], PLACE["tetrahedra"]
@@ -106,7 +109,7 @@ def test_tetrahedra_are_those_of_the_body(env):
         "alive": np.ones(48), "attached": np.ones(48), "target": scene.target, "anchor": scene.anchor,
         "strain": env.task.strain / 0.5, "volume_ratio": env.task.volume_ratio,
         "stiffness": np.log(scene.young_modulus / 5000.0), "volume": 6 * scene.mesh.volumes / SPACING**3,
-        "free_faces": is_free.mean(axis=1), "cut_faces": is_cut.mean(axis=1),
+        "free_faces": is_free.mean(axis=1), "cut_faces": is_cut.mean(axis=1), "vessel": scene.vessel,
     }  # fmt: skip
     assert list(expected) == list(place)
     for name, values in expected.items():

@@ -42,8 +42,16 @@ def tiny_scene(seed, n_tetrahedra):
     return dataclasses.replace(frame, mesh=mesh, pinned=pinned, target=target, young_modulus=modulus, spacing=0.01)
 
 
+def touches_vessel(scene, table, is_done, lost):
+    """Tell whether a set of actions lays open a face of a vessel's tetrahedron of the uncut mesh, or loses one."""
+    vessel, n_faces = set(np.flatnonzero(scene.vessel).tolist()), table.n_faces
+    removed = set(np.flatnonzero(is_done[n_faces:]).tolist())
+    opened = [set(pair) for face, pair in enumerate(table.face_tetrahedra.tolist()) if is_done[face] or removed & set(pair)]
+    return bool(vessel & (removed | set(lost)) or any(vessel & pair for pair in opened))
+
+
 def true_cost(scene, table, is_done):
-    """Return what a set of actions costs if it frees the target, else infinity: by flooding from the anchors."""
+    """Return what a set of actions costs if it frees the target and spares the vessel, else infinity: by flooding."""
     n_faces, sides = table.n_faces, table.face_tetrahedra
     alive = ~is_done[n_faces:]
     held, front = set(), [int(tet) for tet in np.flatnonzero(scene.anchor)]
@@ -58,6 +66,8 @@ def true_cost(scene, table, is_done):
     if any(scene.target[tet] for tet in held):
         return np.inf
     lost = [tet for tet in range(table.n_tetrahedra) if alive[tet] and not scene.target[tet] and tet not in held]
+    if touches_vessel(scene, table, is_done, lost):
+        return np.inf
     h = scene.spacing
     return float(
         FACE * table.face_area[is_done[:n_faces]].sum() / h**2
@@ -102,6 +112,33 @@ def test_no_set_of_cuts_is_cheaper(seed):
     assert cut.cost == pytest.approx(true_cost(scene, table, as_set(cut, table)), rel=1e-12)
     # Capacities are whole numbers of about 2e-9 of the optimum; a few dozen of them may round one way.
     assert cut.cost == pytest.approx(cheapest(scene, table), rel=1e-6)
+
+
+def with_vessel(scene, seed):
+    """Return a scene with a vessel of one healthy tetrahedron, if possible without a face in common with the target."""
+    sides = action_table(scene.mesh).face_tetrahedra
+    neighbours = set(sides[scene.target[sides].any(axis=1)].ravel().tolist())
+    healthy = np.flatnonzero(~scene.target).tolist()
+    apart = [tet for tet in healthy if tet not in neighbours]
+    chosen = np.random.default_rng(seed).choice(apart or healthy)
+    return dataclasses.replace(scene, no_cut=np.arange(scene.mesh.n_tetrahedra) == chosen)
+
+
+def test_no_set_of_cuts_that_spares_the_vessel_is_cheaper():
+    dearer = impossible = 0
+    for seed in range(30):
+        scene = with_vessel(tiny_scene(seed, n_tetrahedra=8), seed)
+        table = action_table(scene.mesh)
+        cut, least = minimum_cut(scene, table), cheapest(scene, table)
+        if np.isinf(cut.cost):
+            impossible += 1
+            assert not len(cut.actions) and (np.isinf(least) or not cut.is_exact)
+            continue
+        assert cut.cost == pytest.approx(true_cost(scene, table, as_set(cut, table)), rel=1e-12)
+        assert cut.cost >= least * (1 - 1e-6)
+        assert not cut.is_exact or cut.cost == pytest.approx(least, rel=1e-6)
+        dearer += cut.cost > 1.001 * minimum_cut(dataclasses.replace(scene, no_cut=None), table).cost
+    assert dearer >= 5 and 5 <= impossible <= 15
 
 
 def test_removals_and_losses_are_among_the_cheapest_plans():

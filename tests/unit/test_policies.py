@@ -8,7 +8,7 @@ from agents.scripted import POLICIES, ScriptedPolicy
 from agents.table import HEADERS, as_markdown, summary_rows
 from envs.resect import ResectEnv
 from gmapspring.errors import ConfigError, GmapspringError
-from tests.small_scene import fake_certificate, small_scene, with_certificate
+from tests.small_scene import VARIANTS, fake_certificate, small_scene, variant_scene, with_certificate
 
 
 @pytest.fixture
@@ -37,6 +37,23 @@ def test_every_policy_plays_legal_actions_to_the_end_of_an_episode(name, env):
     actions, info = plays(ScriptedPolicy(name, np.random.default_rng(0)).bind(env), env)
     assert info["reason"] is not None
     assert len(set(actions)) == len(actions)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_policy_plays_under_other_rules_too(name, variant):
+    env = ResectEnv(variant_scene(variant, seed=1, load=0.02))
+    _, info = plays(ScriptedPolicy(name).bind(env), env)
+    assert info["reason"] is not None
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_policy_goes_on_where_no_cuts_spare_the_vessel(name):
+    scene = small_scene(seed=1, load=0.02)
+    certificate = fake_certificate(scene.certificate.optimum, scene.certificate.order)
+    env = ResectEnv(small_scene(seed=1, load=0.02, no_cut=~scene.target & ~scene.anchor, certificate=certificate))
+    _, info = plays(ScriptedPolicy(name).bind(env), env)
+    assert info["reason"] is not None and not info["is_success"]
 
 
 @pytest.mark.parametrize("name", POLICIES)

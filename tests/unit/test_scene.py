@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
+from envs.action_table import action_table, face_pieces
 from envs.library import load_scene_config, load_scenes, shipped_scenes
 from envs.scene import build_mesh, build_scene, length_unit
 from envs.scene_config import SceneConfig
@@ -183,3 +184,77 @@ def test_a_scene_that_does_not_exist_gets_a_hint():
 def test_a_split_that_does_not_exist_gets_a_hint():
     with pytest.raises(ConfigError, match="no split 'tset'; did you mean 'test'"):
         load_scenes("box-48", "tset")
+
+
+# Other rules --------------------------------------------------------------------------------------------------------
+
+BOX = {"kind": "box", "cells": [4, 4, 2], "spacing": 0.01}
+ELLIPSOID = {"kind": "ellipsoid", "radius": 1.05}
+
+
+def beside_by_hand(mesh, tets):
+    """Return tetrahedra that have three points in common with one of some, those themselves included."""
+    corners = [set(row) for row in mesh.tetrahedra.tolist()]
+    return {tet for tet in range(mesh.n_tetrahedra) if any(len(corners[tet] & corners[other]) >= 3 for other in tets)}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_channel_leads_from_the_pinned_plane_up_beside_the_target_and_changes_nothing_else(seed):
+    scene = build_scene(config_with(mesh=BOX, target=ELLIPSOID, no_cut={"kind": "channel"}), seed)
+    plain = build_scene(config_with(mesh=BOX, target=ELLIPSOID), seed)
+    assert_equal_scenes(scene, plain)
+    assert not plain.vessel.any()
+    vessel, target = set(np.flatnonzero(scene.vessel).tolist()), set(np.flatnonzero(scene.target).tolist())
+    assert face_pieces(action_table(scene.mesh), scene.vessel).max() == 0
+    around = beside_by_hand(scene.mesh, target)
+    assert not vessel & around
+    assert beside_by_hand(scene.mesh, vessel) & around
+    assert scene.pinned[scene.mesh.tetrahedra[sorted(vessel)]].sum(axis=1).max() == 3
+    assert (scene.vessel & scene.anchor).any() and (scene.vessel & ~scene.anchor).any()
+
+
+def test_the_channel_of_a_seed_is_always_the_same_and_of_another_another():
+    config = config_with(mesh=BOX, target=ELLIPSOID, no_cut={"kind": "channel"})
+    one, again, other = (build_scene(config, seed).vessel for seed in (3, 3, 4))
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_several_ellipsoids_have_no_face_in_common(seed):
+    scene = build_scene(config_with(mesh=BOX | {"cells": [6, 4, 2]}, target=ELLIPSOID | {"count": 2}), seed)
+    pieces = face_pieces(action_table(scene.mesh), scene.target)
+    assert pieces.max() >= 1
+    for piece in range(pieces.max() + 1):
+        members = np.flatnonzero(pieces == piece).tolist()
+        assert not beside_by_hand(scene.mesh, members) & set(np.flatnonzero(scene.target & (pieces != piece)).tolist())
+
+
+def test_ellipsoids_without_room_for_all_are_refused():
+    with pytest.raises(ConfigError, match=r"target\.count = 9: ellipsoids of radius 1\.05 h overlapped or touched"):
+        build_scene(config_with(mesh=BOX, target=ELLIPSOID | {"count": 9}), 0)
+
+
+def test_named_regions_of_a_file_can_be_targets_together_and_a_vessel(tmp_path):
+    plain = box((2, 2, 2), spacing=0.02)
+    cube_of = np.arange(plain.n_tetrahedra) // 6
+    regions = {"one": cube_of == 1, "two": cube_of == 7, "vein": (cube_of == 4) | (cube_of == 7)}
+    write_mesh(tmp_path / "organ.vtu", Mesh(plain.points, plain.tetrahedra, regions))
+    values = dict(folder=tmp_path, mesh={"kind": "file", "path": "organ.vtu"})
+    vein = {"kind": "region", "name": "vein"}
+    scene = build_scene(config_with(target={"kind": "region", "names": ["one", "two"]}, no_cut=vein, **values), 0)
+    np.testing.assert_array_equal(scene.target, regions["one"] | regions["two"])
+    np.testing.assert_array_equal(scene.vessel, cube_of == 4)
+    with pytest.raises(ConfigError, match=r"no_cut\.name: the mesh has no region 'vain'; it has one, two, vein"):
+        build_scene(config_with(target={"kind": "region", "name": "one"}, no_cut=vein | {"name": "vain"}, **values), 0)
+
+
+@pytest.mark.parametrize("target", [{"name": "one", "names": ["two"]}, {}, {"names": []}])
+def test_a_region_target_is_named_in_one_way(target):
+    with pytest.raises(ConfigError, match="give either name, or names"):
+        config_with(target={"kind": "region", **target}, mesh={"kind": "file", "path": "organ.vtu"})
+
+
+def test_a_channel_needs_a_box_on_a_plane():
+    with pytest.raises(ConfigError, match=r"no_cut\.kind 'channel' needs mesh\.kind 'box' and pinned\.kind 'plane'"):
+        config_with(no_cut={"kind": "channel"}, pinned={"kind": "region", "name": "left"})

@@ -11,7 +11,7 @@ from gmapspring.integrators import INTEGRATORS
 from gmapspring.measure import edge_strains
 from tests.benchmarks.studies import labels, simplifications
 from tests.benchmarks.studies.scene_keeping import Keeper, outer_faces
-from tests.benchmarks.studies.scene_margin import STATED, Margin, room_left
+from tests.benchmarks.studies.scene_margin import Margin, room_left, stated_margin
 from tests.benchmarks.studies.scene_refine import refine
 from tests.benchmarks.studies.scene_replay import (
     FAMILIES,
@@ -54,10 +54,10 @@ def trace_of(strains, reasons=(), ratios=()):
 
 @pytest.mark.parametrize(("name", "split"), SPLITS)
 def test_every_shipped_certificate_keeps_the_stated_margin(name, split):
-    limits = load_scene_config(name).limits
+    config = load_scene_config(name)
     for scene in load_scenes(name, split):
         trace = play(Resection(scene), one_by_one(scene.certificate.order))
-        assert STATED.holds(room_left(trace, limits)), scene.seed
+        assert stated_margin(config).holds(room_left(trace, config.limits)), scene.seed
         # What is played is what was certified.
         assert trace.strain.max() == pytest.approx(scene.certificate.peak_strain, rel=1e-6)
 
@@ -65,18 +65,26 @@ def test_every_shipped_certificate_keeps_the_stated_margin(name, split):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_stated_margin_covers_what_other_physics_move_in_training_scenes(family):
     played = [each for scene in sample(family, "train", 16) for each in play_all(scene, "train", [SHIPPED, *OTHERS], 0)]
-    worst = labels.worst_moves(played)
-    assert max(worst.strain) <= STATED.strain
-    assert np.mean(np.array(worst.volume_ratio) <= STATED.volume_ratio) > 0.5
-    assert max(worst.healthy_share) <= STATED.healthy_share
+    worst, stated = labels.worst_moves(played), stated_margin(load_scene_config(family))
+    assert max(worst.strain) <= stated.strain
+    assert np.mean(np.array(worst.volume_ratio) <= stated.volume_ratio) > 0.5
+    assert max(worst.healthy_share) <= stated.healthy_share
     # Physics that moved nothing would be no test.
     assert min(max(worst.strain), max(worst.volume_ratio)) > 1e-3
 
 
 @pytest.mark.parametrize("short", [Margin(0.09, 0.5, 0.2), Margin(0.2, 0.04, 0.2), Margin(0.2, 0.5, -0.01)])
 def test_too_little_room_to_any_one_limit_breaks_the_margin(short):
-    assert STATED.holds(Margin(0.11, 0.06, 0.01))
-    assert not STATED.holds(short)
+    stated = stated_margin(load_scene_config("box-48"))
+    assert stated.holds(Margin(0.11, 0.06, 0.01))
+    assert not stated.holds(short)
+
+
+@pytest.mark.parametrize(("kappa", "strain"), [(0.6, 0.16), (0.75, 0.1), (0.9, 0.04)])
+def test_the_room_below_the_limit_of_the_strain_shrinks_as_kappa_grows(kappa, strain):
+    # 0.8 (1 - kappa) limit, and the limit is 0.5
+    config = load_scene_config("box-48").model_copy(update={"kappa": kappa})
+    assert stated_margin(config) == pytest.approx(Margin(strain, 0.05, 0.0))
 
 
 # Comparing two plays ------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from envs.order import INVERSION_MARGIN
-from envs.scene_config import Limits
+from envs.scene_config import Limits, SceneConfig
 from tests.benchmarks.studies.scene_replay import Trace
 
 
@@ -22,9 +22,16 @@ class Margin(NamedTuple):
         return all(has >= needs for has, needs in zip(room, self, strict=True))
 
 
-STATED = Margin(strain=0.1, volume_ratio=INVERSION_MARGIN, healthy_share=0.0)
-"""What every certificate keeps; the study of labels shows which moves it covers. Attached volume is the same under all physics
-that cut alike, so its share needs no margin."""
+ROOM_KEPT = 0.8
+"""Share of the room that a certificate keeps below the limit of the strain, of all that its kappa leaves."""
+
+
+def stated_margin(config: SceneConfig) -> Margin:
+    """Return what every certificate of a scene keeps; the study of labels shows which moves it covers.
+
+    Attached volume is the same under all physics that cut alike, so its share needs no margin.
+    """
+    return Margin(ROOM_KEPT * (1.0 - config.kappa) * config.limits.strain, INVERSION_MARGIN, healthy_share=0.0)
 
 
 def room_left(trace: Trace, limits: Limits) -> Margin:

@@ -1,0 +1,157 @@
+"""The figures of a study's page, from episodes made by hand: each is told as it is, and gaps in them too."""
+
+import numpy as np
+import pytest
+
+from agents.evaluation import Episode, episodes_as_csv
+from agents.report import page
+from agents.report_plots import median_curve, pictures
+from agents.report_tables import ablations, aims, efficiency, ends, gaps, policies, thinking, worst_seeds
+from agents.results import Curve, Group, Results, found_for, read_episodes
+from agents.study_config import StudyConfig
+from gmapspring.config import check_config
+
+EVALUATE = [{"scene": "box-48"}, {"scene": "box-48", "split": "train"}]
+REACH = {"aim": "to be good", "scene": "box-48"}
+
+
+def study_of(reach):
+    """Return a study with a row of two seeds, its ablation, and one aim."""
+    rows = [{"name": "base", "train": "box-108", "evaluate": EVALUATE, "reach": [REACH | reach]},
+            {"name": "less", "train": "box-108", "ablates": "base"}]  # fmt: skip
+    return check_config({"name": "s", "title": "S", "seeds": [0, 1], "rows": rows}, StudyConfig)
+
+
+def episode(total, scene_seed=0, reason="separated", n_simulated=0, cost_ratio=1.0):
+    """Return an episode."""
+    return Episode(
+        "p", "box-48", scene_seed, total, reason == "separated", reason, cost_ratio,
+        n_steps=4, n_simulated=n_simulated, seconds=0.5,
+    )  # fmt: skip
+
+
+def group_of(name, *returns, split="test", **values):
+    """Return a group with a row of returns for each seed; those below 0 tore."""
+    by_seed = {
+        seed: [episode(total, scene, "separated" if total >= 0 else "tear", **values) for scene, total in enumerate(row)]
+        for seed, row in enumerate(returns)
+    }
+    return Group(name, "box-48", split, by_seed, True)
+
+
+def results_of(*groups, reach=None, curves=None):
+    """Return results that hold some groups."""
+    return Results(study_of(reach or {"return": 0.5}), [], list(groups), curves or {}, [])
+
+
+@pytest.mark.parametrize(
+    ("reach", "figure", "verdict"),
+    [
+        ({"return": 0.69}, 0.7, "reached"),
+        ({"return": 0.71}, 0.7, "not reached"),
+        ({"return": 0.59, "in_every_seed": True}, 0.6, "reached"),
+        ({"return": 0.65, "in_every_seed": True}, 0.6, "not reached"),
+        ({"success": 1.0}, 1.0, "reached"),
+        ({"gap": 0.2}, 0.15, "reached"),
+        ({"gap": 0.1}, 0.15, "not reached"),
+        ({"gap": 0.2, "in_every_seed": True}, 0.3, "not reached"),
+    ],
+)
+def test_an_aim_is_held_against_the_mean_or_the_worst_seed(reach, figure, verdict):
+    test = group_of("base", [0.5, 0.7], [0.7, 0.9])
+    train = group_of("base", [0.8, 1.0], [0.7, 0.9], split="train")
+    results = results_of(test, train, reach=reach)
+    row = results.study.rows[0]
+    (found,) = found_for(results, row, row.reach[0])
+    assert found.figure == pytest.approx(figure)
+    assert found.verdict == verdict
+
+
+def test_missing_seeds_leave_an_aim_open_unless_one_has_failed_it():
+    half = group_of("base", [0.5, 0.7])
+    for reach, verdict in (
+        ({"return": 0.5}, "seeds missing"),
+        ({"return": 0.9}, "seeds missing"),
+        ({"return": 0.9, "in_every_seed": True}, "not reached"),
+    ):
+        results = results_of(half, reach=reach)
+        row = results.study.rows[0]
+        assert found_for(results, row, row.reach[0])[0].verdict == verdict
+    assert aims(results_of()).rows[0][-1] == "**not measured**"
+    assert "missing: 1" in aims(results_of(half)).rows[0][-2]
+
+
+def test_ends_are_shares_of_all_episodes_with_what_lies_in_the_tissue_together():
+    reasons = ["separated"] * 4 + ["tear"] * 2 + ["inverted"] + ["numerical"] + ["budget"] * 2
+    text = ends([episode(0.0, reason=reason) for reason in reasons])
+    assert text == "structural 30.0% (tear 20.0%, inverted 10.0%), budget 20.0%, numerical 10.0%"
+    assert ends([episode(1.0)]) == "–"
+
+
+def test_the_table_of_policies_tells_set_and_order_apart_and_puts_the_best_first():
+    good, bad = group_of("base", [1.0, 0.9], cost_ratio=1.2), group_of("less", [1.0, -1.0], cost_ratio=1.5)
+    table = policies(results_of(bad, good), "box-48")
+    rows = [dict(zip(table.headers, row, strict=True)) for row in table.rows]
+    assert [row["policy"] for row in rows] == ["**base**", "**less**"]
+    assert [row["set regret"] for row in rows] == ["0.200", "0.500"]
+    assert [row["order regret"] for row in rows] == ["0.000", "0.500"]
+    assert [row["steps/s"] for row in rows] == ["8", "8"]
+
+
+def test_the_gap_is_the_mean_over_seeds_that_played_both():
+    train = group_of("base", [0.9, 0.9], split="train")
+    (row,) = gaps(results_of(group_of("base", [0.5, 0.7], [0.0, 0.0]), train)).rows
+    assert row == ("base", "box-48", "0.900", "0.600", "+0.300", "0: +0.300")
+
+
+def test_an_ablation_is_compared_with_its_row():
+    base, less = group_of("base", [0.5, 0.7], [0.5, 0.7]), group_of("less", [0.3, 0.5], [0.3, 0.5])
+    (row,) = ablations(results_of(base, less)).rows
+    assert row[:4] == ("less", "base", "box-48", "2 / 2") and row[4] == "-0.200 [-0.200, -0.200]"
+    assert not ablations(results_of(less)).rows
+
+
+def test_only_policies_that_simulate_are_asked_what_thinking_buys():
+    slow, fast = group_of("base", [1.0, 1.0], n_simulated=900), group_of("less", [1.0, -1.0], n_simulated=20)
+    assert [row[1:3] for row in thinking(results_of(slow, fast)).rows] == [("less", "20"), ("base", "900")]
+    assert not thinking(results_of(group_of("base", [1.0]))).rows
+    assert "thinking" in pictures(results_of(slow, fast)) and "thinking" not in pictures(results_of())
+
+
+def test_the_worst_seed_and_the_hardest_scenes_are_shown():
+    (row,) = worst_seeds(results_of(group_of("base", [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]))).rows
+    assert row[2] == "1" and row[3] == "-0.333" and row[-1] == "1 (2 of 2), 0 (1 of 2)"
+
+
+def curve(success):
+    """Return a learning curve with a validation every 10 steps and 2 seconds."""
+    n = len(success)
+    numbers, success = np.arange(1, n + 1), np.array(success)
+    return Curve(10.0 * numbers, 2.0 * numbers, success - 0.1, success, 10 * n, 2.0 * n)
+
+
+def test_sample_efficiency_is_the_median_of_first_times_and_tells_how_many_got_there():
+    curves = {"base": {0: curve([0.2, 0.5, 0.4, 0.9]), 1: curve([0.6, 0.7, 0.85, 0.7])}}
+    (row,) = efficiency(results_of(curves=curves)).rows
+    assert row[:6] == ("base", "2", "15 steps, 3 s (2 of 2 seeds)", "35 steps, 7 s (2 of 2 seeds)",
+                       "40 steps, 8 s (1 of 2 seeds)", "in no seed")  # fmt: skip
+
+
+def test_the_median_curve_ends_where_the_first_seed_ends():
+    lines = [(np.array([1.0, 3.0]), np.array([0.0, 1.0])), (np.array([0.0, 2.0]), np.array([0.0, 1.0]))]
+    grid, median = median_curve(lines)
+    assert (grid[0], grid[-1]) == (1.0, 2.0)
+    # Means of two lines: (x - 1) / 2 and x / 2.
+    assert median == pytest.approx(grid / 2.0 - 0.25)
+    assert len(median_curve([])[0]) == 0
+
+
+def test_episodes_are_read_as_they_were_written(tmp_path):
+    episodes = [episode(0.1 + 0.2), episode(-1.0, 7, "tear", 12)]
+    (tmp_path / "e.csv").write_text(episodes_as_csv(episodes))
+    assert read_episodes(tmp_path / "e.csv") == episodes
+
+
+def test_a_page_of_nothing_says_so():
+    text = page(results_of(), [])
+    assert "0 of 1 figures aimed at are reached" in text and "**0 of 2**" in text
