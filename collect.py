@@ -24,6 +24,6 @@ if __name__=="__main__":
     t=time.process_time()
     d=collect("box-192","train","focus",40000,0); print("train",time.process_time()-t)
     v=collect("box-192","validation","focus",4000,1)
-    pickle.dump((d,v),open("/tmp/danger.pkl","wb"))
+    pickle.dump((d,v),open(sys.argv[1],"wb"))
     for x in (d,v):
         col=np.concatenate([e[4] for e in x]); af=np.concatenate([e[3] for e in x]); print(col.mean(), np.quantile(af,[.05,.25,.5,.75,.95]))

@@ -5,7 +5,7 @@ from agents.features import join, Candidates
 from agents.candidate_policy import prepared
 from agents.candidate_network import CandidateNetwork
 from agents.segments import segments
-d,v=pickle.load(open("/tmp/danger.pkl","rb"))
+d,v=pickle.load(open(sys.argv[4],"rb"))
 def flat(d):
     S=[];A=[];Y=[];C=[]
     for c,a,b,af,col,done in d:
@@ -20,6 +20,7 @@ torch.manual_seed(0)
 net=CandidateNetwork(S[0].of_state.shape[1],hid,R,1)
 head=nn.Sequential(nn.Linear(hid,hid),nn.ReLU(),nn.Linear(hid,2))
 G=nn.Linear(S[0].of_state.shape[1],hid); 
+Z=np.concatenate([x.features for x in S]); print("features",Z.mean(0).round(2),Z.std(0).round(2),np.abs(Z).max(0)); Z=np.concatenate([x.tetrahedra for x in S[:2000]]); print(Z.mean(0).round(2),Z.std(0).round(2),np.abs(Z).max(0))
 P=[*net.parameters(),*head.parameters(),*G.parameters()]
 opt=torch.optim.Adam(P,lr=3e-3)
 from scipy.stats import rankdata

@@ -8,9 +8,10 @@ from gymnasium import spaces
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from torch import Tensor
 
-from agents.candidate_network import CandidateNetwork, Seen
+from agents.candidate_network import CandidateNetwork, Owners, Seen
 from agents.features import Candidates, Observed, gather_candidates
 from agents.segments import Graph, Segments, highest, segments, total
+from agents.training_config import NetworkSettings
 
 OBSERVATION_KEYS = (*Observed._fields, "action_mask")
 """The parts of the observation that the policy reads; the others may be absent."""
@@ -23,20 +24,19 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     """
 
     def __init__(
-        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, hidden: int = 64,
-        n_rounds: int = 3, n_heads: int = 2,
+        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, network: NetworkSettings
     ) -> None:
         """Make the network and its optimizer."""
-        self.hidden, self.n_rounds, self.n_heads = hidden, n_rounds, n_heads
+        self.settings = network
         super().__init__(observation_space, action_space, lr_schedule)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         spaces_ = {"observation_space": self.observation_space, "action_space": self.action_space}
-        return {**spaces_, "lr_schedule": self._dummy_schedule, "hidden": self.hidden}
+        return {**spaces_, "lr_schedule": self._dummy_schedule, "network": self.settings}
 
     def _build(self, lr_schedule: Any) -> None:
         # The base class made layers that flatten the observation; nothing passes through them.
-        self.network = CandidateNetwork(self.observation_space["globals"].shape[0], self.hidden, self.n_rounds, self.n_heads)  # type: ignore[index]
+        self.network = CandidateNetwork(self.settings)
         # Fused: one call for all parameters, where the plain one takes ten for each.
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), fused=True, **self.optimizer_kwargs)
 
@@ -80,21 +80,20 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     def _score(self, obs: dict[str, Tensor] | Candidates, action_masks: Any) -> tuple[Candidates, Segments, Tensor, Tensor]:
         """Return (candidates, which are whose, their log-probabilities, values of the states)."""
         candidates = obs if isinstance(obs, Candidates) else read_candidates(obs, action_masks)
-        of = segments(candidates.offset)
-        seen, graph = prepared(candidates)
-        return candidates, of, *self.network(seen, of, graph)
+        of = Owners(segments(candidates.offset), segments(candidates.tetrahedron_offset))
+        return candidates, of.candidates, *self.network(*_prepared(candidates, of), of)
 
 
-def prepared(candidates: Candidates) -> tuple[Seen, Graph]:
-    """Return what the network takes: rows of the states' own tetrahedra become rows of all."""
-    starts, lengths = candidates.tetrahedron_offset[:-1], np.diff(candidates.tetrahedron_offset)
-    sides = candidates.sides + np.repeat(starts, np.diff(candidates.offset))[:, None]
-    is_link = candidates.neighbours >= 0
-    neighbours = (candidates.neighbours + np.repeat(starts, lengths)[:, None])[is_link]
-    first = np.cumsum(is_link.sum(1)) - is_link.sum(1)
-    tensor = torch.from_numpy
-    seen = Seen(tensor(candidates.features), tensor(np.ascontiguousarray(sides.T)), tensor(candidates.tetrahedra), tensor(candidates.of_state))
-    return seen, Graph(tensor(neighbours), tensor(first))
+def _prepared(candidates: Candidates, of: Owners) -> tuple[Seen, Graph]:
+    """Return what the network takes: rows of a state's own tetrahedra become rows of all."""
+    first = of.tetrahedra.first.numpy()
+    sides = candidates.sides.T + first[of.candidates.state_of.numpy()]
+    is_sewn = candidates.neighbours >= 0
+    n_neighbours = is_sewn.sum(axis=1)
+    neighbours = (candidates.neighbours + first[of.tetrahedra.state_of.numpy()][:, None])[is_sewn]
+    arrays = candidates.features, sides, candidates.tetrahedra, candidates.of_state
+    graph = Graph(torch.from_numpy(neighbours), torch.from_numpy(np.cumsum(n_neighbours) - n_neighbours))
+    return Seen(*map(torch.from_numpy, arrays)), graph
 
 
 def read_candidates(obs: Any, action_masks: Any = None) -> Candidates:

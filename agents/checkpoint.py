@@ -9,7 +9,7 @@ import pathlib
 import pickle
 import zipfile
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from gymnasium import spaces
@@ -17,11 +17,13 @@ from sb3_contrib import MaskablePPO
 
 from agents.candidate_policy import CandidatePolicy
 from agents.features import Observed
+from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
+from gmapspring.config import check_config
 from gmapspring.errors import GmapspringError
 from gmapspring.paths import write_atomically
 
-FORMAT = 1
+FORMAT = 2
 """Version of the page."""
 _PAGE = "gmapspring.json"
 _TRANSIENT = ("_last_obs", "_last_episode_starts", "_last_original_obs", "ep_info_buffer", "ep_success_buffer")
@@ -38,8 +40,8 @@ class Page(NamedTuple):
     """Name or file of the scenes it was trained on."""
     mask: str
     """Mask mode it was trained with."""
-    hidden: int
-    """Width of its layers."""
+    network: dict[str, Any]
+    """Its `NetworkSettings`."""
     n_steps: int
     """Environment steps it has seen."""
     cpu_seconds: float
@@ -104,7 +106,8 @@ def _check_columns(path: pathlib.Path, columns: dict[str, list[str]]) -> None:
 def load_policy(path: pathlib.Path, observation_space: spaces.Dict, action_space: spaces.Discrete) -> CandidatePolicy:
     """Return a saved policy, ready to predict; the mesh may have another size than the one it was trained on."""
     page = read_page(path)
-    policy = CandidatePolicy(observation_space, action_space, lambda _: 0.0, hidden=page.hidden)
+    network = check_config(page.network, NetworkSettings, source=str(path))
+    policy = CandidatePolicy(observation_space, action_space, lambda _: 0.0, network=network)
     _put(path, "policy.pth", policy)
     policy.set_training_mode(False)
     return policy
@@ -117,6 +120,12 @@ def restore_model(path: pathlib.Path, model: MaskablePPO) -> Page:
     _put(path, "policy.optimizer.pth", model.policy.optimizer)
     model.num_timesteps = page.n_steps
     return page
+
+
+def start_from(path: pathlib.Path, model: MaskablePPO) -> None:
+    """Put the weights of a saved policy into a model that is to learn on; its optimizer starts anew."""
+    read_page(path)
+    _put(path, "policy.pth", model.policy)
 
 
 def _put(path: pathlib.Path, member: str, into: torch.nn.Module | torch.optim.Optimizer) -> None:

@@ -1,4 +1,4 @@
-"""Sums, maxima and softmax over segments: rows of which each state owns the next few, with gradients.
+"""Sums, maxima and softmax over segments, rows of which each state owns the next few, and over neighbours; with gradients.
 
 Torch's own reductions by index are slow to differentiate; here the slope of a sum is a spreading and the other way round.
 """
@@ -94,7 +94,7 @@ class Graph(NamedTuple):
 
 
 def messages(rows: Tensor, graph: Graph) -> Tensor:
-    """Return the mean... of what each row's neighbours say: (n_rows, n_lanes) -> (n_rows, n_lanes)."""
+    """Return half the sum of what each row's neighbours say, of which there are up to four: (n_rows, n_lanes) -> (n_rows, n_lanes)."""
     return _Messages.apply(rows, graph)
 
 

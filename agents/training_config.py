@@ -33,16 +33,43 @@ class PPOSettings(Config):
     gamma: UnitShare
     """Discount per step."""
     gae_lambda: UnitShare
-    shaping: NonNegativeFloat
-    """Weight of a reward for each part of the interface that is cut, as a potential: it changes no optimum."""
-    hidden: PositiveInt
-    """Width of the network's layers."""
 
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:
         if self.n_envs * self.n_steps % self.batch_size:
             raise ValueError(f"batch_size {self.batch_size} does not divide n_envs * n_steps = {self.n_envs * self.n_steps}")
         return self
+
+
+class NetworkSettings(Config):
+    """Shape of the candidate network."""
+
+    hidden: PositiveInt = 32
+    """Width of its layers."""
+    rounds: NonNegativeInt = 3
+    """Rounds of messages between tetrahedra that are sewn to each other."""
+    heads: PositiveInt = 2
+    """Weighted means over the tetrahedra of a state."""
+    is_blind_to_strain: bool = False
+    """Whether it does without what it sees of strains and volumes, to learn what these are worth."""
+
+
+class WarmStart(Config):
+    """Say how the policy is cloned from the certificates of the training scenes before it plays (Pomerleau, 1989)."""
+
+    epochs: PositiveInt = 8
+    """Passes over all states along the certificates."""
+    batch_size: PositiveInt = 64
+    learning_rate: PositiveFloat = 3e-3
+    """At the start; it falls to 0 in a straight line."""
+
+
+class Shaping(Config):
+    """Reward what gets on at once, by a potential that changes no optimum (Ng, Harada and Russell, 1999)."""
+
+    potential: str = "interface"
+    weight: NonNegativeFloat
+    """What all of the potential is worth, in units of return."""
 
 
 class StopRule(Config):
@@ -78,6 +105,10 @@ class TrainingConfig(Config):
     mask: str = "all"
     """What counts as legal, a name of `envs.actions.MASKS`."""
     seed: NonNegativeInt
+    network: NetworkSettings = NetworkSettings()
+    warm_start: WarmStart | None = None
+    """By default none: learn from scratch."""
+    shaping: Shaping | None = None
     ppo: PPOSettings
     stop: StopRule
     validation: ValidationSettings
@@ -89,11 +120,15 @@ class TrainingConfig(Config):
             raise ValueError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
         return mask
 
-    def replaced(self, seed: int | None, cpu_seconds: float | None) -> "TrainingConfig":
-        """Return the same with another seed, and with CPU time as the only rule for stopping, where they are given."""
+    def replaced(self, seed: int | None, cpu_seconds: float | None, warm_start: str | None = None) -> "TrainingConfig":
+        """Return the same with what is given: another seed, CPU time as the only rule for stopping, cloning ("bc") or "none"."""
         changes: dict[str, object] = {}
         if seed is not None:
             changes["seed"] = seed
         if cpu_seconds is not None:
             changes["stop"] = {"cpu_seconds": cpu_seconds}
+        if warm_start == "none":
+            changes["warm_start"] = None
+        if warm_start == "bc" and self.warm_start is None:
+            changes["warm_start"] = {}
         return check_config(self.model_dump(mode="json") | changes, TrainingConfig, source="the command line")
