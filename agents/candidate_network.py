@@ -1,28 +1,68 @@
-"""The candidate network: one small set of weights shared by all legal cuts, blind to how the mesh is numbered.
+"""The candidate network: one small set of weights shared by all tetrahedra and all legal cuts, blind to how they are numbered.
 
-    features of each legal cut -> encoder -> mean and maximum over the cuts, with the globals -> context
-    encoded cut + context -> logit of the cut;  context -> value of the state
+    tetrahedron -> embedding -> rounds of messages between tetrahedra that are sewn to each other -> what is known of it
+    mean, maximum and weighted means over the tetrahedra, with the globals -> context -> value of the state
+    legal cut + what is known of its two sides + context + how far it lies from where the weights are -> logit of the cut
 
 To renumber tetrahedra or faces permutes the logits and nothing else, and a mesh may have any size.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import torch
 from torch import Tensor, nn
 
-from agents.features import N_FEATURES
-from agents.segments import Segments, highest, log_softmax, spread, total
+from agents.features import N_OWN, N_SIDE, OWN_FEATURES, SIDE_FEATURES
+from agents.segments import Graph, Segments, highest, log_softmax, messages, spread, total
+from agents.training_config import NetworkSettings
+from envs.observation import COLUMNS
+
+OFFSET, SIDE_OFFSET = OWN_FEATURES.index("offset x"), SIDE_FEATURES.index("offset x")
+"""Where a cut and a tetrahedron say where they lie."""
+SAID = 8
+"""Numbers of each tetrahedron that go into a weighted mean, beside where it lies."""
+STRAINED = ("highest healthy strain", "strain", "volume ratio", "healthy_strain", "target_strain", "lowest_volume_ratio")
+"""What tells how strained the body is, among the features and the globals."""
+
+
+class Seen(NamedTuple):
+    """A batch of states as the network takes it."""
+
+    features: Tensor
+    """Of the candidates, shape (n_candidates, N_OWN)."""
+    sides: Tensor
+    """The two tetrahedra of each candidate, int64, shape (2, n_candidates)."""
+    tetrahedra: Tensor
+    """What they show, shape (n_tetrahedra, N_SIDE)."""
+    of_state: Tensor
+    """Globals of the states, shape (n_states, n_globals)."""
+
+
+class Owners(NamedTuple):
+    """What belongs to which state."""
+
+    candidates: Segments
+    tetrahedra: Segments
 
 
 class CandidateNetwork(nn.Module):
     """Score every candidate, and value the state they belong to."""
 
-    def __init__(self, n_globals: int, hidden: int) -> None:
-        """Make the layers; hidden: width of all of them."""
+    def __init__(self, settings: NetworkSettings) -> None:
+        """Make the layers."""
         super().__init__()
-        self.encoder = nn.Sequential(nn.Linear(N_FEATURES, hidden), nn.ReLU(True), nn.Linear(hidden, hidden), nn.ReLU(True))
-        self.context = nn.Sequential(nn.Linear(2 * hidden + n_globals, hidden), nn.ReLU())
-        self.from_candidate = nn.Linear(hidden, hidden, bias=False)
-        self.from_context = nn.Linear(hidden, hidden)
+        hidden, heads, n_globals = settings.hidden, settings.heads, len(COLUMNS["globals"])
+        self.embedding = nn.Linear(N_SIDE, hidden)
+        self.own = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(settings.rounds))
+        self.sent = nn.ModuleList(nn.Linear(hidden, hidden, bias=False) for _ in range(settings.rounds))
+        self.weight, self.said = nn.Linear(hidden, heads), nn.Linear(hidden, SAID)
+        self.context = nn.Sequential(nn.Linear(2 * hidden + heads * SAID + n_globals, hidden), nn.ReLU())
+        self.of_candidate = nn.Linear(N_OWN, hidden)
+        self.of_sides = nn.ModuleList(nn.Linear(hidden, hidden, bias=False) for _ in range(2))
+        self.from_context = nn.Linear(hidden, hidden, bias=False)
+        self.from_distance = nn.Linear(heads, hidden, bias=False)
+        self.encoder = nn.Linear(hidden, hidden)
         self.logit = nn.Linear(hidden, 1)
         self.value_encoder = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU())
         self.value = nn.Linear(hidden, 1)
@@ -35,18 +75,52 @@ class CandidateNetwork(nn.Module):
             # All actions start about equally likely, and all values near zero.
             self.logit.weight.mul_(0.01)
             self.value.weight.mul_(0.1)
+        self._sees = _blindfold() if settings.is_blind_to_strain else None
 
-    def forward(self, features: Tensor, of: Segments, of_state: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, seen: Seen, graph: Graph, of: Owners) -> tuple[Tensor, Tensor]:
         """Return the log-probabilities of all candidates, (n_candidates,), and the values of the states, (n_states,).
 
         Args:
-            features: of the candidates, shape (n_candidates, N_FEATURES).
-            of: which candidates belong to which state.
-            of_state: globals of the states, shape (n_states, n_globals).
+            seen: the states.
+            graph: which tetrahedra are sewn to each other.
+            of: what belongs to which state.
         """
-        encoded = self.encoder(features)
-        mean, maximum = total(encoded, of) / of.length[:, None], encoded.gather(0, highest(encoded, of))
-        context = self.context(torch.cat([mean, maximum, of_state], 1))
-        # In place, like the rectifiers of the encoder: new memory costs as much as the sum.
-        joined = self.from_candidate(encoded).add_(spread(self.from_context(context), of)).relu_()
-        return log_softmax(self.logit(joined).flatten(), of), self.value(self.value_encoder(context)).flatten()
+        if self._sees:
+            seen = Seen(*(part if part is seen.sides else part * by for part, by in zip(seen, self._sees, strict=True)))
+        known = self._known(seen.tetrahedra, graph)
+        context, centres = self._context(known, seen, of.tetrahedra)
+        # In place, like the rectifiers: new memory costs as much as the sum.
+        joined = self.of_candidate(seen.features).add_(spread(self.from_context(context), of.candidates))
+        for layer, side in zip(self.of_sides, seen.sides, strict=True):
+            joined = joined.add_(layer(known).index_select(0, side))
+        away = seen.features[:, None, OFFSET : OFFSET + 3] - spread(centres, of.candidates).unflatten(1, (-1, 3))
+        joined = joined.add_(self.from_distance(away.square().sum(2)))
+        joined = self.encoder(joined.relu_()).relu_()
+        return log_softmax(self.logit(joined).flatten(), of.candidates), self.value(self.value_encoder(context)).flatten()
+
+    def _known(self, tetrahedra: Tensor, graph: Graph) -> Tensor:
+        """Return what is known of each tetrahedron after all messages, (n_tetrahedra, hidden)."""
+        known = self.embedding(tetrahedra).relu_()
+        for own, sent in zip(self.own, self.sent, strict=True):
+            known = known + own(known).add_(messages(sent(known), graph)).relu_()
+        return known
+
+    def _context(self, known: Tensor, seen: Seen, of: Segments) -> tuple[Tensor, Tensor]:
+        """Return what is known of each state, (n_states, hidden), and where its weighted means lie, (n_states, heads * 3)."""
+        mean, maximum = total(known, of) / of.length[:, None], known.gather(0, highest(known, of))
+        weight = log_softmax(self.weight(known), of).exp()
+        said = torch.cat([self.said(known), seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]], 1)
+        heard = total((weight[:, :, None] * said[:, None]).flatten(1), of).unflatten(1, (weight.shape[1], -1))
+        context = self.context(torch.cat([mean, maximum, heard[:, :, :SAID].flatten(1), seen.of_state], 1))
+        return context, heard[:, :, SAID:].flatten(1)
+
+
+def _blindfold() -> Seen:
+    """Return factors that hide how strained the body is."""
+    of_state = [column.name for column in COLUMNS["globals"]]
+    return Seen(_without(OWN_FEATURES), torch.empty(0), _without(SIDE_FEATURES), _without(of_state))
+
+
+def _without(names: Sequence[str]) -> Tensor:
+    """Return a factor for each feature: 0 for what tells how strained the body is."""
+    return torch.tensor([float(name not in STRAINED) for name in names])

@@ -8,9 +8,10 @@ from gymnasium import spaces
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from torch import Tensor
 
-from agents.candidate_network import CandidateNetwork
+from agents.candidate_network import CandidateNetwork, Owners, Seen
 from agents.features import Candidates, Observed, gather_candidates
-from agents.segments import Segments, highest, segments, total
+from agents.segments import Graph, Segments, highest, segments, total
+from agents.training_config import NetworkSettings
 
 OBSERVATION_KEYS = (*Observed._fields, "action_mask")
 """The parts of the observation that the policy reads; the others may be absent."""
@@ -23,19 +24,19 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     """
 
     def __init__(
-        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, hidden: int = 64
+        self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Any, *, network: NetworkSettings
     ) -> None:
         """Make the network and its optimizer."""
-        self.hidden = hidden
+        self.settings = network
         super().__init__(observation_space, action_space, lr_schedule)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         spaces_ = {"observation_space": self.observation_space, "action_space": self.action_space}
-        return {**spaces_, "lr_schedule": self._dummy_schedule, "hidden": self.hidden}
+        return {**spaces_, "lr_schedule": self._dummy_schedule, "network": self.settings}
 
     def _build(self, lr_schedule: Any) -> None:
         # The base class made layers that flatten the observation; nothing passes through them.
-        self.network = CandidateNetwork(self.observation_space["globals"].shape[0], self.hidden)  # type: ignore[index]
+        self.network = CandidateNetwork(self.settings)
         # Fused: one call for all parameters, where the plain one takes ten for each.
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), fused=True, **self.optimizer_kwargs)
 
@@ -79,16 +80,29 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     def _score(self, obs: dict[str, Tensor] | Candidates, action_masks: Any) -> tuple[Candidates, Segments, Tensor, Tensor]:
         """Return (candidates, which are whose, their log-probabilities, values of the states)."""
         candidates = obs if isinstance(obs, Candidates) else read_candidates(obs, action_masks)
-        of = segments(candidates.offset)
-        features, of_state = torch.from_numpy(candidates.features), torch.from_numpy(candidates.of_state)
-        return candidates, of, *self.network(features, of, of_state)
+        of = Owners(segments(candidates.offset), segments(candidates.tetrahedron_offset))
+        return candidates, of.candidates, *self.network(*_prepared(candidates, of), of)
+
+
+def _prepared(candidates: Candidates, of: Owners) -> tuple[Seen, Graph]:
+    """Return what the network takes: rows of a state's own tetrahedra become rows of all."""
+    first = of.tetrahedra.first.numpy()
+    sides = candidates.sides.T + first[of.candidates.state_of.numpy()]
+    is_sewn = candidates.neighbours >= 0
+    n_neighbours = is_sewn.sum(axis=1)
+    neighbours = (candidates.neighbours + first[of.tetrahedra.state_of.numpy()][:, None])[is_sewn]
+    arrays = candidates.features, sides, candidates.tetrahedra, candidates.of_state
+    graph = Graph(torch.from_numpy(neighbours), torch.from_numpy(np.cumsum(n_neighbours) - n_neighbours))
+    return Seen(*map(torch.from_numpy, arrays)), graph
 
 
 def read_candidates(obs: Any, action_masks: Any = None) -> Candidates:
-    """Return the legal actions of a batch of observations, by a mask from outside where there is one."""
-    observed = Observed(*(np.asarray(obs[name]) for name in Observed._fields))
-    mask = np.asarray(obs["action_mask"] if action_masks is None else action_masks)
-    return gather_candidates(observed, mask.reshape(len(observed.globals), -1))
+    """Return the legal actions of a batch of observations, fewer by a mask from outside where there is one."""
+    observed, mask = Observed(*(np.asarray(obs[name]) for name in Observed._fields)), np.asarray(obs["action_mask"])
+    if action_masks is not None:
+        # What is gone shows nothing, whoever allows it.
+        mask = (mask != 0) & (np.asarray(action_masks).reshape(mask.shape) != 0)
+    return gather_candidates(observed, mask)
 
 
 def _drawn(log_probability: Tensor, of: Segments) -> Tensor:

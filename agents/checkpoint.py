@@ -9,7 +9,7 @@ import pathlib
 import pickle
 import zipfile
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from gymnasium import spaces
@@ -17,11 +17,14 @@ from sb3_contrib import MaskablePPO
 
 from agents.candidate_policy import CandidatePolicy
 from agents.features import Observed
+from agents.flat import FlatPolicy
+from agents.training_config import FlatSettings, Network, NetworkSettings
 from envs.observation import COLUMNS
+from gmapspring.config import Config, check_config
 from gmapspring.errors import GmapspringError
 from gmapspring.paths import write_atomically
 
-FORMAT = 1
+FORMAT = 2
 """Version of the page."""
 _PAGE = "gmapspring.json"
 _TRANSIENT = ("_last_obs", "_last_episode_starts", "_last_original_obs", "ep_info_buffer", "ep_success_buffer")
@@ -38,8 +41,8 @@ class Page(NamedTuple):
     """Name or file of the scenes it was trained on."""
     mask: str
     """Mask mode it was trained with."""
-    hidden: int
-    """Width of its layers."""
+    network: dict[str, Any]
+    """Settings of its network."""
     n_steps: int
     """Environment steps it has seen."""
     cpu_seconds: float
@@ -48,6 +51,12 @@ class Page(NamedTuple):
     """Best validation return of the run so far, None before the first validation."""
     columns: dict[str, list[str]]
     """Columns of the observation that it reads, by table."""
+
+
+class _Kept(Config):
+    """What a page keeps of the configuration of the training."""
+
+    network: Network
 
 
 def observation_columns() -> dict[str, list[str]]:
@@ -101,13 +110,24 @@ def _check_columns(path: pathlib.Path, columns: dict[str, list[str]]) -> None:
             )
 
 
-def load_policy(path: pathlib.Path, observation_space: spaces.Dict, action_space: spaces.Discrete) -> CandidatePolicy:
-    """Return a saved policy, ready to predict; the mesh may have another size than the one it was trained on."""
-    page = read_page(path)
-    policy = CandidatePolicy(observation_space, action_space, lambda _: 0.0, hidden=page.hidden)
+def load_policy(
+    path: pathlib.Path, observation_space: spaces.Dict, action_space: spaces.Discrete
+) -> CandidatePolicy | FlatPolicy:
+    """Return a saved policy, ready to predict; unless it is flat, the mesh may have another size than in training."""
+    network = _read_network(path)
+    policy: CandidatePolicy | FlatPolicy
+    if isinstance(network, FlatSettings):
+        policy = FlatPolicy(observation_space, action_space, lambda _: 0.0, network=network)
+    else:
+        policy = CandidatePolicy(observation_space, action_space, lambda _: 0.0, network=network)
     _put(path, "policy.pth", policy)
     policy.set_training_mode(False)
     return policy
+
+
+def _read_network(path: pathlib.Path) -> FlatSettings | NetworkSettings:
+    """Return the settings of a saved policy's network."""
+    return check_config({"network": read_page(path).network}, _Kept, source=str(path)).network
 
 
 def restore_model(path: pathlib.Path, model: MaskablePPO) -> Page:
@@ -119,11 +139,25 @@ def restore_model(path: pathlib.Path, model: MaskablePPO) -> Page:
     return page
 
 
+def start_from(path: pathlib.Path, model: MaskablePPO) -> None:
+    """Put the weights of a saved policy into a model that is to learn on; its optimizer starts anew.
+
+    Raises:
+        CheckpointError: the file is not a usable policy, or its network is not of the model's settings.
+    """
+    saved, own = _read_network(path).model_dump(), model.policy_kwargs["network"].model_dump()
+    if differences := [f"{name} is {saved.get(name)} there, {own[name]} here" for name in own if saved.get(name) != own[name]]:
+        raise CheckpointError(f"{path} has another network than this run: {'; '.join(differences)}; make them the same")
+    _put(path, "policy.pth", model.policy)
+
+
 def _put(path: pathlib.Path, member: str, into: torch.nn.Module | torch.optim.Optimizer) -> None:
     """Load the tensors of one member of a checkpoint."""
     try:
         with zipfile.ZipFile(path) as archive:
             tensors = torch.load(io.BytesIO(archive.read(member)), map_location="cpu", weights_only=True)
+        if isinstance(into, FlatPolicy) and (reason := into.misfit(tensors)):
+            raise CheckpointError(f"{path} cannot be used here: {reason}")
         into.load_state_dict(tensors)
     except (KeyError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
         reason = " ".join(str(error).split())

@@ -72,6 +72,8 @@ def _add_train(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     command.add_argument("config", help="a training configuration: a file, or the name of a shipped one")
     command.add_argument("--seed", type=_count, help="replaces the configuration's seed")
     command.add_argument("--cpu-seconds", type=float, help="replaces the configuration's CPU time")
+    command.add_argument("--start-from", type=pathlib.Path, metavar="ZIP", help="begin with the weights of a saved policy")
+    command.add_argument("--warm-start", choices=("bc", "none"), help="clone the certificates before, or do not [as configured]")
     command.add_argument("--out", type=pathlib.Path, help="run folder [runs/CONFIG-seed-SEED]")
     command.add_argument("--resume", action="store_true", help="go on with the run in the folder")
     command.set_defaults(run=_train)
@@ -147,9 +149,9 @@ def _train(parsed: argparse.Namespace, console: Console) -> int:
     from agents.training_config import TrainingConfig
 
     path = config_file("train", parsed.config)
-    config = load_config(path, TrainingConfig).replaced(parsed.seed, parsed.cpu_seconds)
+    config = load_config(path, TrainingConfig).replaced(parsed.seed, parsed.cpu_seconds, parsed.warm_start)
     out = parsed.out or pathlib.Path("runs") / f"{path.stem}-seed-{config.seed}"
-    trainer = Trainer(config, out, resume=parsed.resume)
+    trainer = Trainer(config, out, start=parsed.start_from, resume=parsed.resume)
     with ProgressReport(console, f"training {path.stem}") as report:
         result = trainer.run(report)
     if result.signal is not None:

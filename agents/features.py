@@ -1,9 +1,9 @@
-"""What the candidate policy knows of each legal cut: gathered by index from the observation, in any numbering.
+"""What the candidate policy knows: of each legal cut, and of the tetrahedra around it, by index from the observation.
 
 A candidate is a legal action. A face has two sides, its two tetrahedra; a tetrahedron counts as both of its sides.
-The higher side comes first (target before healthy, then anchor, then the more strained, and so on through what a
-side shows), so a candidate reads the same however the mesh is numbered. The gathering is one compiled pass: in torch
-it would cost as much as the network.
+The higher side comes first (target before healthy, then anchor, then the stiffer, and so on through what a side shows),
+so a candidate reads the same however the mesh is numbered. The gathering is one compiled pass: in torch it would cost as
+much as the network.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,10 @@ OWN_FEATURES = (
 """What a candidate shows of itself; its offset is seen from the centre of the target."""
 SIDE_FEATURES = (
     "target", "anchor", "strain", "volume ratio", "stiffness", "volume", "free faces", "cut faces", "vessel",
-    "target neighbours", "healthy neighbours", "node mass",
+    "target neighbours", "healthy neighbours", "node mass", "offset x", "offset y", "offset z", "distance along the load",
 )  # fmt: skip
-"""What a candidate shows of each of its two sides; the first nine are columns of the observation's tetrahedra."""
+"""What a tetrahedron shows; the first nine are columns of the observation's tetrahedra."""
 N_OWN, N_SIDE = len(OWN_FEATURES), len(SIDE_FEATURES)
-N_FEATURES = N_OWN + 2 * N_SIDE
 OFFSET_SCALE = 0.5
 """What turns distances, in h, into features of the order of one."""
 
@@ -51,23 +50,44 @@ class Candidates(NamedTuple):
     action: Array
     """Action id, int32, shape (n_candidates,), ascending for each state."""
     features: Array
-    """float32, shape (n_candidates, N_FEATURES)."""
+    """float32, shape (n_candidates, N_OWN)."""
+    sides: Array
+    """The two sides of each, as rows of its state's own tetrahedra, int32, shape (n_candidates, 2)."""
+    tetrahedron_offset: Array
+    """Where each state's tetrahedra begin, and where the last one's end, int64, shape (n_states + 1,)."""
+    tetrahedra: Array
+    """What each attached tetrahedron shows, float32, shape (n_tetrahedra, N_SIDE)."""
+    neighbours: Array
+    """Rows of its state's own tetrahedra that each is sewn to, -1 for none, int32, shape (n_tetrahedra, 4)."""
     of_state: Array
     """Globals of the states, float32, shape (n_states, n_globals)."""
 
     def split(self) -> "list[Candidates]":
         """Return each state alone, as views."""
-        ends, parts = self.offset.tolist(), []
-        for state, (first, last) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
-            own = self.action[first:last], self.features[first:last], self.of_state[state : state + 1]
-            parts.append(Candidates(np.array([0, last - first]), *own))
+        parts = []
+        ends, tet_ends = self.offset.tolist(), self.tetrahedron_offset.tolist()
+        for state in range(len(self.of_state)):
+            first, last, start, stop = ends[state], ends[state + 1], tet_ends[state], tet_ends[state + 1]
+            parts.append(Candidates(
+                np.array([0, last - first]), self.action[first:last], self.features[first:last], self.sides[first:last],
+                np.array([0, stop - start]), self.tetrahedra[start:stop], self.neighbours[start:stop],
+                self.of_state[state : state + 1],
+            ))  # fmt: skip
         return parts
 
 
 def join(states: Sequence[Candidates]) -> Candidates:
     """Return single states as one batch."""
-    _, action, features, of_state = map(np.concatenate, zip(*states, strict=True))
-    return Candidates(np.append(0, np.cumsum([len(state.action) for state in states])), action, features, of_state)
+    joined = Candidates(*map(np.concatenate, zip(*states, strict=True)))
+    return joined._replace(
+        offset=_ends([len(state.action) for state in states]),
+        tetrahedron_offset=_ends([len(state.tetrahedra) for state in states]),
+    )
+
+
+def _ends(lengths: Any) -> Array:
+    """Return where parts of so many rows begin, and where the last one ends, int64."""
+    return np.append(0, np.cumsum(lengths, dtype=np.int64))
 
 
 # Columns of the observation, as numbers: a kernel that looked them up would keep old ones in its cache. A test compares.
@@ -78,54 +98,64 @@ LOAD_DIRECTION = 0
 _COPIED = 9
 _QUARTER = np.float32(0.25)
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
-_TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS = _COPIED, _COPIED + 1, _COPIED + 2
+# Strains come last, or the order of the sides would tell them to a network that is to be blind to them.
+_COMPARED = tuple(sorted(range(N_SIDE), key=lambda column: SIDE_FEATURES[column] in ("strain", "volume ratio")))
+_TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS, _OFFSET, _ALONG = (_COPIED + place for place in (0, 1, 2, 3, 6))
 
 
 def gather_candidates(observed: Observed, mask: Array) -> Candidates:
-    """Gather the features of every legal action, and copy the globals: the environments may overwrite what they showed.
+    """Gather every legal action and what is attached, and copy the globals: the environments may overwrite what they showed.
 
     Args:
         observed: what is seen.
         mask: shape (batch, n_actions), non-zero where legal.
     """
     is_legal = mask.astype(np.bool_, copy=False)
-    offset = np.zeros(len(mask) + 1, np.int64)
     # A state without a legal action has a candidate all the same: a mean of nothing would be no number.
-    np.cumsum(np.maximum(np.count_nonzero(is_legal, axis=1), 1), out=offset[1:])
-    action, features = np.empty(offset[-1], np.int32), np.empty((offset[-1], N_FEATURES), np.float32)
-    _gather(observed, is_legal, offset, action, features)
-    return Candidates(offset, action, features, observed.globals.copy())
+    offset = _ends(np.maximum(np.count_nonzero(is_legal, axis=1), 1))
+    tetrahedron_offset = _ends(np.maximum(np.count_nonzero(observed.tetrahedra[:, :, ATTACHED], axis=1), 1))
+    n_candidates, n_tets = offset[-1], tetrahedron_offset[-1]
+    found = Candidates(
+        offset, np.empty(n_candidates, np.int32), np.empty((n_candidates, N_OWN), np.float32),
+        np.empty((n_candidates, 2), np.int32), tetrahedron_offset, np.empty((n_tets, N_SIDE), np.float32),
+        np.empty((n_tets, 4), np.int32), observed.globals.copy(),
+    )  # fmt: skip
+    _gather(observed, is_legal, found)
+    return found
 
 
 @kernel
-def _gather(observed, is_legal, offset, action, features):
-    """Fill action and features, one observation after the other."""
-    n_tets, n_faces = observed.tetrahedra.shape[1], observed.faces.shape[1]
-    sides = np.empty((n_tets, N_SIDE), np.float32)
-    centres = np.empty((n_tets, 3), np.float32)
+def _gather(observed, is_legal, out):
+    """Fill all but the offsets and the globals, one observation after the other."""
+    n_faces = observed.faces.shape[1]
+    centres = np.empty((observed.tetrahedra.shape[1], 3), np.float32)
+    place_of = np.empty(observed.tetrahedra.shape[1], np.int32)
     middle = np.empty(3, np.float32)
     for row in range(is_legal.shape[0]):
-        _fill_sides(observed, row, sides, centres, middle)
-        faces, face_tetrahedra, load = observed.faces[row], observed.face_tetrahedra[row], observed.globals[row]
-        place = offset[row]
+        start, stop = out.tetrahedron_offset[row], out.tetrahedron_offset[row + 1]
+        sides, neighbours, load = out.tetrahedra[start:stop], out.neighbours[start:stop], observed.globals[row]
+        _fill_sides(observed, row, sides, neighbours, place_of, centres, middle)
+        faces, face_tetrahedra = observed.faces[row], observed.face_tetrahedra[row]
+        place = out.offset[row]
         for candidate in range(is_legal.shape[1]):
             if not is_legal[row, candidate]:
                 continue
-            action[place] = candidate
-            own = features[place]
+            out.action[place] = candidate
+            own = out.features[place]
             if candidate < n_faces:
-                one, two = int(face_tetrahedra[candidate, 0]), int(face_tetrahedra[candidate, 1])
-                _relate(own, sides, one, two)
+                one = place_of[int(face_tetrahedra[candidate, 0])]
+                two = place_of[int(face_tetrahedra[candidate, 1])]
+                _relate(own, out.sides[place], sides, one, two)
                 own[0], own[1] = 1.0, faces[candidate, AREA]
                 _locate(own, faces[candidate, CENTROID:], middle, load)
             else:
-                one = candidate - n_faces
-                _relate(own, sides, one, one)
+                one = place_of[candidate - n_faces]
+                _relate(own, out.sides[place], sides, one, one)
                 own[0], own[1] = 0.0, 0.0
-                _locate(own, centres[one], middle, load)
+                _locate(own, centres[candidate - n_faces], middle, load)
             place += 1
-        if place == offset[row]:
-            action[place], features[place] = 0, 0.0
+        if place == out.offset[row]:
+            out.action[place], out.features[place], out.sides[place] = 0, 0.0, 0
 
 
 @kernel
@@ -141,22 +171,32 @@ def _locate(own, centre, middle, load):
 
 
 @kernel
-def _fill_sides(observed, row, sides, centres, middle):
-    """Fill what every tetrahedron shows as a side, its rest centroid [h], and the centre of the live target [h]."""
-    tetrahedra, neighbours = observed.tetrahedra[row], observed.tetrahedron_neighbours[row]
+def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
+    """Fill what every attached tetrahedron shows and whom it is sewn to, its rest centroid [h], and the target's centre [h]."""
+    tetrahedra, sewn_to = observed.tetrahedra[row], observed.tetrahedron_neighbours[row]
     middle[:] = 0.0
-    n_target = 0
-    for tet in range(sides.shape[0]):
-        side, centre = sides[tet], centres[tet]
+    n_target, n_met = 0, 0
+    for tet in range(len(place_of)):
+        place_of[tet] = -1
+        if tetrahedra[tet, ATTACHED] > 0.0:
+            place_of[tet] = n_met
+            n_met += 1
+    if n_met == 0:
+        sides[:], neighbours[:] = 0.0, -1
+    for tet in range(len(place_of)):
+        place = place_of[tet]
+        if place < 0:
+            continue
+        side, centre = sides[place], centres[tet]
         side[_COPIED:] = 0.0
         centre[:] = 0.0
         for column in range(_COPIED):
             side[column] = tetrahedra[tet, IS_TARGET + column]
-        if tetrahedra[tet, ATTACHED] == 0.0:
-            continue
         for corner in range(4):
-            neighbour = int(neighbours[tet, corner])
+            neighbour = int(sewn_to[tet, corner])
+            neighbours[place, corner] = -1
             if neighbour >= 0:
+                neighbours[place, corner] = place_of[neighbour]
                 is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
                 side[_TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += _QUARTER
             _add_node(observed.nodes[row], int(observed.tetrahedron_nodes[row, tet, corner]), side, centre)
@@ -165,6 +205,18 @@ def _fill_sides(observed, row, sides, centres, middle):
             for axis in range(3):
                 middle[axis] += centre[axis]
     middle /= np.float32(max(n_target, 1))
+    for tet in range(len(place_of)):
+        if place_of[tet] >= 0:
+            _place(sides[place_of[tet]], centres[tet], middle, observed.globals[row])
+
+
+@kernel
+def _place(side, centre, middle, load):
+    """Write where a tetrahedron lies, seen from the middle of the target."""
+    for axis in range(3):
+        offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
+        side[_OFFSET + axis] = offset
+        side[_ALONG] += offset * load[LOAD_DIRECTION + axis]
 
 
 @kernel
@@ -176,17 +228,15 @@ def _add_node(nodes, node, side, centre):
 
 
 @kernel
-def _relate(own, sides, one, two):
+def _relate(own, pair, sides, one, two):
     """Write both sides, the higher row first, and what follows from the two together."""
-    for column in range(N_SIDE if one != two else 0):
+    for column in _COMPARED:
         rise = sides[two, column] - sides[one, column]
         if rise > 0.0:
             one, two = two, one
         if rise != 0.0:
             break
-    for column in range(N_SIDE):
-        own[N_OWN + column] = sides[one, column]
-        own[N_OWN + N_SIDE + column] = sides[two, column]
+    pair[0], pair[1] = one, two
     first, second = sides[one, _TARGET], sides[two, _TARGET]
     own[2] = first * second
     own[3] = abs(first - second)

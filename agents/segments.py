@@ -1,4 +1,4 @@
-"""Sums, maxima and softmax over segments: rows of which each state owns the next few, with gradients.
+"""Sums, maxima and softmax over segments, rows of which each state owns the next few, and over neighbours; with gradients.
 
 Torch's own reductions by index are slow to differentiate; here the slope of a sum is a spreading and the other way round.
 """
@@ -79,6 +79,32 @@ def highest(rows: Tensor, of: Segments) -> Tensor:
 
 
 def log_softmax(logit: Tensor, of: Segments) -> Tensor:
-    """Return the log-probability of each row among those of its state: (n_rows,) -> (n_rows,)."""
-    risen = logit - spread(logit.detach()[highest(logit, of)], of)
+    """Return the log-probability of each row among those of its state, lane by lane: as shaped."""
+    risen = logit - spread(logit.detach().gather(0, highest(logit, of)), of)
     return risen - spread(total(risen.exp(), of).log(), of)
+
+
+class Graph(NamedTuple):
+    """Which rows send messages to which: symmetric."""
+
+    neighbours: Tensor
+    """The rows next to each row, one after the other, int64, shape (n_links,)."""
+    first: Tensor
+    """Where each row's begin, int64, shape (n_rows,)."""
+
+
+def messages(rows: Tensor, graph: Graph) -> Tensor:
+    """Return half the sum of what the neighbours of each row say, up to four of them: (n_rows, n_lanes) -> (n_rows, n_lanes)."""
+    return _Messages.apply(rows, graph)
+
+
+class _Messages(torch.autograd.Function):
+    @staticmethod
+    def forward(context: Any, rows: Tensor, graph: Graph) -> Tensor:
+        context.graph = graph
+        return 0.5 * embedding_bag(graph.neighbours, rows.detach(), graph.first, mode="sum")
+
+    @staticmethod
+    def backward(context: Any, slope: Tensor) -> tuple[Tensor, None]:
+        # Who sends to whom is symmetric, and so the slope travels the same way.
+        return messages(slope.contiguous(), context.graph), None

@@ -1,28 +1,34 @@
-"""Training the candidate policy by PPO: update, validate, keep the best; stop on time, and lose nothing when stopped.
+"""Training a policy by PPO: update, validate, keep the best; stop on time, and lose nothing when stopped.
 
 A run is a row of segments, each of the updates between two validations. A segment begins with fresh episodes and with
 generators seeded by the run's seed and the step reached, so that a run resumed at a checkpoint goes on bit for bit as
 the one that was never stopped.
 """
 
+import copy
 import pathlib
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.candidate_policy import CandidatePolicy
-from agents.checkpoint import Page, observation_columns, restore_model, save_checkpoint
+from agents.checkpoint import Page, observation_columns, restore_model, save_checkpoint, start_from
+from agents.cloning import clone
+from agents.demonstrations import demonstrate
 from agents.evaluation import Summary, evaluate, summarise
+from agents.flat import FlatPolicy
 from agents.interruption import Interruption
 from agents.learner import CandidatePPO
 from agents.progress import ProgressReport
 from agents.run_folder import RunFolder
-from agents.training_config import TrainingConfig
+from agents.training_config import FlatSettings, TrainingConfig
 from agents.training_view import make_environments
 from envs.resect import ResectEnv
 from gmapspring.errors import GmapspringError
@@ -52,11 +58,15 @@ class TrainingResult(NamedTuple):
     """What interrupted the run, None where it ran to its end."""
 
 
-def make_model(config: TrainingConfig, environments: VecEnv) -> CandidatePPO:
+def make_model(config: TrainingConfig, environments: VecEnv) -> MaskablePPO:
     """Return an untrained model."""
+    learner: type[MaskablePPO] = CandidatePPO
+    policy: type[MaskableActorCriticPolicy] = CandidatePolicy
+    if isinstance(config.network, FlatSettings):
+        learner, policy = MaskablePPO, FlatPolicy
     settings = config.ppo
-    return CandidatePPO(
-        CandidatePolicy,
+    return learner(
+        policy,
         environments,
         n_steps=settings.n_steps,
         batch_size=settings.batch_size,
@@ -66,7 +76,7 @@ def make_model(config: TrainingConfig, environments: VecEnv) -> CandidatePPO:
         ent_coef=settings.entropy,
         gamma=settings.gamma,
         gae_lambda=settings.gae_lambda,
-        policy_kwargs={"hidden": settings.hidden},
+        policy_kwargs={"network": config.network},
         seed=config.seed,
         device="cpu",
     )
@@ -75,23 +85,34 @@ def make_model(config: TrainingConfig, environments: VecEnv) -> CandidatePPO:
 class Trainer:
     """One run: the model, its environments, its folder."""
 
-    def __init__(self, config: TrainingConfig, folder: pathlib.Path, *, resume: bool = False, cpu_start: float = 0.0):
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: pathlib.Path,
+        *,
+        start: pathlib.Path | None = None,
+        resume: bool = False,
+        cpu_start: float = 0.0,
+    ):
         """Open the folder and make everything, as new or as the last checkpoint left it.
 
         Args:
             config: what to train.
             folder: where everything goes; see `agents.run_folder`.
-            resume: go on with the run in the folder.
+            start: a saved policy to begin with.
+            resume: go on with the run in the folder; what it began with is in there.
             cpu_start: CPU time of the process that is not the run's [s].
         """
         # A forward pass took 0.13 ms with one thread and 4.8 ms with two on a busy machine.
         torch.set_num_threads(1)
         self.config = config
         self.folder = RunFolder(folder)
-        self.folder.open(config, resume)
         self._environments = make_environments(config)
         self._validation = ResectEnv(config.scene, "validation", config.mask)
         self.model = make_model(config, self._environments)
+        if start and not resume:
+            start_from(start, self.model)
+        self.folder.open(config, resume)
         self.model.set_logger(Logger(None, [TensorBoardOutputFormat(str(self.folder.tensorboard))]))
         self._cpu_start, self._best = cpu_start, None
         self._update_cost = self._validation_cost = 0.0
@@ -116,6 +137,7 @@ class Trainer:
         report.begin_at(self._fraction())
         with Interruption() as interruption:
             try:
+                self._warm_up(report, interruption)
                 self._begin_segment()
                 while not self._is_over() and interruption.signal is None:
                     self._update(report)
@@ -123,6 +145,37 @@ class Trainer:
                 pass
             self._save(is_best=self._best is None)
         return TrainingResult(self.n_steps, self.cpu_seconds, self._best, interruption.signal)
+
+    def _warm_up(self, report: ProgressReport, interruption: Interruption) -> None:
+        """Clone the certificates where the configuration says so and the run has not begun; keep what comes of it, or nothing."""
+        settings = self.config.warm_start
+        if settings is None or self.n_steps or self._best is not None:
+            return
+        set_random_seed(self.config.seed)
+        shown = demonstrate(self.config.scene, "train", self.config.mask)
+        stop, policy = self.config.stop.cpu_seconds or np.inf, self.model.policy
+        assert isinstance(policy, CandidatePolicy), "the configuration is checked"
+        start = copy.deepcopy(policy.state_dict())
+
+        def say(share: float, loss: float) -> None:
+            report.update(self._fraction(), f"cloning {len(shown.actions)} cuts: {share:4.0%}  -log p {loss:.2f}")
+            if interruption.signal is not None:
+                raise KeyboardInterrupt
+            if self.cpu_seconds > stop:
+                raise TrainingError(
+                    f"stop.cpu_seconds = {stop:g} is over before warm_start is; raise it or lower warm_start.epochs"
+                )
+
+        try:
+            clone(policy, shown, settings, np.random.default_rng(self.config.seed), say)
+            summary = self._validate()
+        except KeyboardInterrupt:
+            # What is half cloned is no start: a resumed run clones again, from the same weights.
+            policy.load_state_dict(start)
+            self._best = None
+            raise
+        measures = f"validation return {summary.total_return}, success {summary.success.mean:.2f}"
+        report.note(f"cloned in {self.cpu_seconds:.0f} CPU seconds: {measures}")
 
     def _begin_segment(self) -> None:
         """Start fresh episodes and generators, as a function of the run's seed and the step reached."""
@@ -172,7 +225,7 @@ class Trainer:
         page = Page(
             scene=self.config.scene,
             mask=self.config.mask,
-            hidden=self.config.ppo.hidden,
+            network=self.config.network.model_dump(mode="json"),
             n_steps=self.n_steps,
             cpu_seconds=self.cpu_seconds,
             best_return=self._best,

@@ -1,8 +1,17 @@
 """The form of a training configuration."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    field_validator,
+    model_validator,
+)
 
 from envs.actions import MASKS
 from gmapspring.config import Config, check_config, closest
@@ -33,16 +42,61 @@ class PPOSettings(Config):
     gamma: UnitShare
     """Discount per step."""
     gae_lambda: UnitShare
-    shaping: NonNegativeFloat
-    """Weight of a reward for each part of the interface that is cut, as a potential: it changes no optimum."""
-    hidden: PositiveInt
-    """Width of the network's layers."""
 
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:
         if self.n_envs * self.n_steps % self.batch_size:
             raise ValueError(f"batch_size {self.batch_size} does not divide n_envs * n_steps = {self.n_envs * self.n_steps}")
         return self
+
+
+class NetworkSettings(Config):
+    """Shape of the candidate network."""
+
+    kind: Literal["candidates"] = "candidates"
+    hidden: PositiveInt = 32
+    """Width of its layers."""
+    rounds: NonNegativeInt = 3
+    """Rounds of messages between tetrahedra that are sewn to each other."""
+    heads: PositiveInt = 2
+    """Weighted means over the tetrahedra of a state."""
+    is_blind_to_strain: bool = False
+    """Whether it does without what it sees of strains and volumes, to learn what these are worth."""
+
+
+class FlatSettings(Config):
+    """Shape of the flat network, which is there to compare with."""
+
+    kind: Literal["flat"]
+    layers: Annotated[list[PositiveInt], Field(min_length=1)] = [256, 256]
+    """Widths of its hidden layers."""
+
+
+def _with_kind(network: Any) -> Any:
+    """Return the settings of a network with their kind."""
+    return {"kind": "candidates"} | network if isinstance(network, dict) else network
+
+
+Network = Annotated[FlatSettings | NetworkSettings, Field(discriminator="kind"), BeforeValidator(_with_kind)]
+"""Settings of a network of any kind: of candidates, unless another is named."""
+
+
+class WarmStart(Config):
+    """Say how the policy is cloned from the certificates of the training scenes before it plays (Pomerleau, 1989)."""
+
+    epochs: PositiveInt = 8
+    """Passes over all states along the certificates."""
+    batch_size: PositiveInt = 64
+    learning_rate: PositiveFloat = 3e-3
+    """At the start; it falls to 0 in a straight line."""
+
+
+class Shaping(Config):
+    """Reward what gets on at once, by a potential that changes no optimum (Ng, Harada and Russell, 1999)."""
+
+    potential: Literal["interface"] = "interface"
+    weight: NonNegativeFloat
+    """What all of the potential is worth, in units of return."""
 
 
 class StopRule(Config):
@@ -78,6 +132,10 @@ class TrainingConfig(Config):
     mask: str = "all"
     """What counts as legal, a name of `envs.actions.MASKS`."""
     seed: NonNegativeInt
+    network: Network = NetworkSettings()
+    warm_start: WarmStart | None = None
+    """By default none: learn from scratch."""
+    shaping: Shaping | None = None
     ppo: PPOSettings
     stop: StopRule
     validation: ValidationSettings
@@ -89,11 +147,21 @@ class TrainingConfig(Config):
             raise ValueError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
         return mask
 
-    def replaced(self, seed: int | None, cpu_seconds: float | None) -> "TrainingConfig":
-        """Return the same with another seed, and with CPU time as the only rule for stopping, where they are given."""
+    @model_validator(mode="after")
+    def _can_be_cloned(self) -> Self:
+        if self.warm_start and isinstance(self.network, FlatSettings):
+            raise ValueError("warm_start: certificates are cloned by a network of kind 'candidates' only; leave warm_start out")
+        return self
+
+    def replaced(self, seed: int | None, cpu_seconds: float | None, warm_start: str | None = None) -> "TrainingConfig":
+        """Return the same with what is given: another seed, CPU time as the only rule for stopping, cloning ("bc") or "none"."""
         changes: dict[str, object] = {}
         if seed is not None:
             changes["seed"] = seed
         if cpu_seconds is not None:
             changes["stop"] = {"cpu_seconds": cpu_seconds}
+        if warm_start == "none":
+            changes["warm_start"] = None
+        if warm_start == "bc" and self.warm_start is None:
+            changes["warm_start"] = {}
         return check_config(self.model_dump(mode="json") | changes, TrainingConfig, source="the command line")

@@ -99,4 +99,4 @@ def interface_area(observation: dict[str, Array]) -> Array:
 def make_environments(config: TrainingConfig) -> VecEnv:
     """Return the training environments, side by side in this process."""
     environments = ResectVecEnv(config.ppo.n_envs, scene=config.scene, split="train", mask=config.mask)
-    return TrainingView(environments, config.ppo.shaping, config.ppo.gamma)
+    return TrainingView(environments, config.shaping.weight if config.shaping else 0.0, config.ppo.gamma)
