@@ -159,6 +159,8 @@ def _put(path: pathlib.Path, member: str, into: torch.nn.Module | torch.optim.Op
         if isinstance(into, FlatPolicy) and (reason := into.misfit(tensors)):
             raise CheckpointError(f"{path} cannot be used here: {reason}")
         into.load_state_dict(tensors)
+    except CheckpointError:
+        raise
     except (KeyError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
         reason = " ".join(str(error).split())
         raise CheckpointError(f"{path} does not fit the network of this version: {member}: {reason:.300}") from None

@@ -32,36 +32,53 @@ def demonstrate(scene: str | Sequence[Scene], split: str, mask: str) -> Demonstr
     """Play the certificate of every scene of a split once.
 
     Raises:
-        DemonstrationError: a certificate makes a cut that the mask forbids.
+        DemonstrationError: a certificate is missing, makes a cut that the mask forbids, or goes on after the episode's end.
     """
     envs = ResectVectorEnv(N_ROWS, scene, split, mask, autoreset_mode=AutoresetMode.SAME_STEP)
     envs.reset(seed=0)
     states: list[Candidates] = []
     actions: list[int] = []
     for first in range(0, len(envs.scenes), N_ROWS):
-        observation, orders = _begin(envs, range(first, min(first + N_ROWS, len(envs.scenes))))
+        observation, shown = _begin(envs, range(first, min(first + N_ROWS, len(envs.scenes))))
+        orders = [_order(scene) for scene in shown]
         for place in range(max(map(len, orders))):
             rows = [row for row, order in enumerate(orders) if place < len(order)]
             chosen = observation["action_mask"].argmax(axis=1)
             chosen[rows] = [orders[row][place] for row in rows]
             for row in rows:
                 if not observation["action_mask"][row, chosen[row]]:
-                    shown = envs.scene_of(row)
                     raise DemonstrationError(
-                        f"the certificate of {shown.name}, seed {shown.seed}, makes a cut that the mask {mask!r} forbids: "
+                        f"the certificate of {_name(shown[row])} makes a cut that the mask {mask!r} forbids: "
                         "there is nothing to clone; choose another mask, or no warm_start"
                     )
             seen = read_candidates(observation).split()
             states += [seen[row] for row in rows]
             actions += chosen[rows].tolist()
-            observation = envs.step(chosen)[0]
+            observation, _, terminated, truncated, _ = envs.step(chosen)
+            for row in rows:
+                # What a row shows after its end is another scene.
+                if (terminated | truncated)[row] and place + 1 < len(orders[row]):
+                    raise DemonstrationError(
+                        f"{_name(shown[row])} ends after {place + 1} of the {len(orders[row])} cuts of its certificate: "
+                        "there is nothing to clone; certify the scenes again"
+                    )
     return Demonstrations(states, np.array(actions))
 
 
-def _begin(envs: ResectVectorEnv, indices: range) -> tuple[dict[str, np.ndarray], list[tuple[int, ...]]]:
-    """Let a row begin each of some scenes; return what is seen, and their certificates' orders."""
+def _begin(envs: ResectVectorEnv, indices: range) -> tuple[dict[str, np.ndarray], list[Scene]]:
+    """Let a row begin each of some scenes; return what is seen, and the scenes."""
     for row, index in enumerate(indices):
         mask = np.arange(envs.num_envs) == row
         observation, _ = envs.reset(options={"index": index, "reset_mask": mask})
-    certificates = [envs.scene_of(row).certificate for row in range(len(indices))]
-    return observation, [certificate.order if certificate else () for certificate in certificates]
+    return observation, [envs.scene_of(row) for row in range(len(indices))]
+
+
+def _order(scene: Scene) -> tuple[int, ...]:
+    """Return the cuts of a scene's certificate."""
+    if scene.certificate is None or not scene.certificate.order:
+        raise DemonstrationError(f"{_name(scene)} has no certificate: there is nothing to clone")
+    return scene.certificate.order
+
+
+def _name(scene: Scene) -> str:
+    return f"scene {scene.name!r}, seed {scene.seed},"

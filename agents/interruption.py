@@ -22,9 +22,7 @@ class Interruption:
             self._before = {number: signal.signal(number, self._catch) for number in SIGNALS}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Put the handlers from before back."""
         for number, handler in self._before.items():
             signal.signal(number, handler)

@@ -28,9 +28,7 @@ class ProgressReport:
             self._task = self._bar.add_task(self._title, total=1.0, text="")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Take the bar away."""
         if self._bar:
             self._bar.stop()

@@ -1,6 +1,6 @@
 """The folder of a training run: what was asked, with what it was made, how it went, and what was learnt.
 
-    config.yaml   versions.json   progress.csv   tensorboard/   checkpoints/step-*.zip   best.zip   last.zip
+config.yaml   versions.json   progress.csv   tensorboard/   checkpoints/step-*.zip   best.zip   last.zip
 """
 
 import csv
@@ -46,9 +46,12 @@ class RunFolder:
             RunFolderError: there is a run already, there is none to resume, or it had another configuration.
         """
         there = self.path / "config.yaml"
-        if resume and not self.last.exists():
+        is_empty = not self.path.exists() or not any(self.path.iterdir())
+        if not is_empty and not self.last.exists():
+            raise RunFolderError(f"{self.path} holds files and no run to resume; delete it, or choose another --out")
+        if resume and is_empty:
             raise RunFolderError(f"{self.path} holds no run to resume; leave out --resume, or give its --out")
-        if not resume and self.path.exists() and any(self.path.iterdir()):
+        if not resume and not is_empty:
             raise RunFolderError(f"{self.path} is not empty; add --resume to go on with its run, or choose another --out")
         asked = config.model_dump(mode="json")
         if resume and (changes := list(_differences(read_yaml(there), asked))):

@@ -285,6 +285,5 @@ class Trainer:
 def _text(row: dict[str, Any]) -> str:
     """Return the measures of an update as they stand beside the bar."""
     return (
-        f"{row['steps']} steps  {row['steps_per_second']:.0f} steps/s  "
-        f"return {row['return']:.2f}  success {row['success']:.2f}"
+        f"{row['steps']} steps  {row['steps_per_second']:.0f} steps/s  return {row['return']:.2f}  success {row['success']:.2f}"
     )

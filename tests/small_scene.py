@@ -99,3 +99,19 @@ def random_policy(seed=0):
     """Return a policy that draws among the legal actions."""
     rng = np.random.default_rng(seed)
     return lambda env, observation: int(rng.choice(np.flatnonzero(env.action_masks())))
+
+
+def randomly_cut(env, n_cuts=4, seed=0):
+    """Return the observations of an episode of random cuts."""
+    rng = np.random.default_rng(seed)
+    observation, _ = env.reset(seed=0)
+    found = [observation]
+    for _ in range(n_cuts):
+        observation, *_ = env.step(int(rng.choice(np.flatnonzero(observation["action_mask"]))))
+        found.append(observation)
+    return found
+
+
+def side_by_side(observations):
+    """Return single observations as a batch."""
+    return {name: np.stack([observation[name] for observation in observations]) for name in observations[0]}

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import time
+import zipfile
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ import yaml
 
 torch = pytest.importorskip("torch")
 
-from rich.console import Console  # noqa: E402
 from sb3_contrib import MaskablePPO  # noqa: E402
 from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 
@@ -27,54 +27,8 @@ from envs.resect import ResectEnv  # noqa: E402
 from gmapspring.config import check_config, load_config  # noqa: E402
 from gmapspring.errors import ConfigError  # noqa: E402
 from gmapspring.paths import configs_folder  # noqa: E402
+from tests.small_run import SMALL, UPDATE, Quiet, is_same, optimizer_tensors, small_config, trained  # noqa: E402
 from tests.small_scene import small_scene  # noqa: E402
-
-UPDATE = 32
-"""Steps of an update of the small run."""
-
-SMALL = {
-    "scene": "box-48",
-    "seed": 5,
-    "ppo": {
-        "n_envs": 2,
-        "n_steps": UPDATE // 2,
-        "batch_size": 16,
-        "n_epochs": 1,
-        "learning_rate": 1e-2,
-        "learning_rate_half_life": 100,
-        "clip_range": 0.2,
-        "entropy": 0.01,
-        "gamma": 0.99,
-        "gae_lambda": 0.95,
-        "shaping": 1.0,
-        "hidden": 8,
-    },
-    "stop": {"steps": 4 * UPDATE},
-    "validation": {"every_updates": 2, "episodes": 1, "keep_checkpoints": 1},
-}
-"""A run of four updates, validated after the second and the fourth."""
-
-
-class Quiet(ProgressReport):
-    """A report that prints nothing, and may do something at every update."""
-
-    def __init__(self, on_update=lambda: None):
-        super().__init__(Console(quiet=True), "test")
-        self.on_update = on_update
-
-    def update(self, fraction, text):
-        self.on_update()
-
-
-def small_config(**changes):
-    """Return the configuration of the small run, changed."""
-    return check_config(SMALL | changes, TrainingConfig)
-
-
-def trained(folder, n_updates=4, resume=False, on_update=lambda: None):
-    """Train up to a number of updates and return (trainer, result)."""
-    trainer = Trainer(small_config(stop={"steps": n_updates * UPDATE}), folder, resume=resume)
-    return trainer, trainer.run(Quiet(on_update))
 
 
 @pytest.fixture(scope="module")
@@ -85,19 +39,12 @@ def whole_run(tmp_path_factory):
     return folder, trainer
 
 
-def optimizer_tensors(trainer):
-    """Return all tensors of the optimizer's state, in order."""
-    state = trainer.model.policy.optimizer.state_dict()["state"]
-    return [tensor for entry in state.values() for tensor in entry.values()]
-
-
 def test_a_resumed_run_goes_on_bit_for_bit(whole_run, tmp_path):
     trained(tmp_path / "run", n_updates=2)
     resumed, result = trained(tmp_path / "run", n_updates=4, resume=True)
     whole = whole_run[1]
     assert result.n_steps == whole.n_steps == 4 * UPDATE
-    pairs = zip(resumed.model.policy.state_dict().values(), whole.model.policy.state_dict().values(), strict=True)
-    assert all(torch.equal(one, other) for one, other in pairs)
+    assert is_same(resumed.model.policy, whole.model.policy)
     assert all(map(torch.equal, optimizer_tensors(resumed), optimizer_tensors(whole)))
 
 
@@ -170,7 +117,7 @@ def test_a_saved_policy_plays_a_mesh_of_another_size(whole_run):
 
 def test_ctrl_c_keeps_what_was_learnt(tmp_path):
     before = signal.getsignal(signal.SIGINT)
-    _, result = trained(tmp_path / "run", on_update=lambda: os.kill(os.getpid(), signal.SIGINT))
+    _, result = trained(tmp_path / "run", on_text=lambda text: os.kill(os.getpid(), signal.SIGINT))
     assert (result.signal, result.n_steps) == (signal.SIGINT, UPDATE)
     assert read_page(tmp_path / "run" / "last.zip").n_steps == UPDATE
     assert read_page(tmp_path / "run" / "best.zip").n_steps == UPDATE
@@ -211,6 +158,14 @@ def test_there_must_be_something_to_resume(tmp_path):
         Trainer(small_config(), tmp_path / "run", resume=True)
 
 
+def test_a_folder_whose_run_kept_nothing_is_not_said_to_be_resumable(tmp_path):
+    Trainer(small_config(), tmp_path / "run")
+    for resume in (False, True):
+        with pytest.raises(RunFolderError, match="choose another --out") as caught:
+            Trainer(small_config(), tmp_path / "run", resume=resume)
+        assert "--resume" not in str(caught.value)
+
+
 def damaged(path, how):
     """Write a file that is not quite a policy and return it."""
     whole = path.read_bytes()
@@ -248,13 +203,53 @@ def test_a_policy_for_another_observation_is_refused(whole_run, monkeypatch):
 
 def test_a_policy_with_another_network_is_refused_in_one_line(whole_run, tmp_path, monkeypatch):
     trainer = whole_run[1]
-    monkeypatch.setattr(trainer, "config", small_config(ppo=SMALL["ppo"] | {"hidden": 9}))
+    monkeypatch.setattr(trainer, "config", small_config(network={"hidden": 9, "rounds": 1}))
     monkeypatch.setattr(trainer.folder, "last", tmp_path / "other.zip")
     trainer._save(is_best=False)
     env = ResectEnv("box-48", "test")
     with pytest.raises(CheckpointError, match="does not fit the network") as caught:
         load_policy(tmp_path / "other.zip", env.observation_space, env.action_space)
     assert "\n" not in str(caught.value)
+
+
+def with_page(path, target, **changes):
+    """Write a policy whose page says something else, and return its file."""
+    with zipfile.ZipFile(path) as source, zipfile.ZipFile(target, "w") as copy:
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "gmapspring.json":
+                content = json.dumps(json.loads(content) | changes)
+            copy.writestr(name, content)
+    return target
+
+
+def test_a_policy_of_an_older_format_is_refused_in_one_line(whole_run, tmp_path, capsys):
+    assert read_page(with_page(whole_run[0] / "best.zip", tmp_path / "same.zip")) == read_page(whole_run[0] / "best.zip")
+    # Format 1 had no network on its page, but how wide it was among other settings.
+    old = with_page(whole_run[0] / "best.zip", tmp_path / "old.zip", format=1, network=None, hidden=8)
+    config = tmp_path / "small.yaml"
+    config.write_text(yaml.safe_dump(SMALL))
+    for command in (["evaluate", old], ["train", config, "--start-from", old, "--out", tmp_path / "run"]):
+        assert main([str(argument) for argument in command]) == 1
+        assert capsys.readouterr().err == f"error: {old} is of format 1; this version reads 2: train again\n"
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("network", "words"),
+    [
+        ({"kind": "candidates", "hidden": 0}, "network.hidden"),
+        ({"kind": "round"}, "'round' is not one of"),
+        ({"hiden": 8}, "did you mean 'hidden'"),
+        (8, "should be an object"),
+    ],
+)
+def test_a_policy_whose_page_names_an_impossible_network_is_refused(whole_run, network, words, tmp_path):
+    target = with_page(whole_run[0] / "best.zip", tmp_path / "odd.zip", network=network)
+    env = ResectEnv("box-48", "test")
+    with pytest.raises(ConfigError, match=words) as caught:
+        load_policy(target, env.observation_space, env.action_space)
+    assert str(target) in str(caught.value)
 
 
 @pytest.mark.parametrize("path", sorted((configs_folder() / "train").glob("*.yaml")), ids=lambda path: path.stem)
@@ -268,6 +263,31 @@ def test_all_mistakes_of_a_configuration_are_listed():
         check_config(wrong, TrainingConfig)
     for part in ("ppo.n_epoch", "'n_epochs'", "ppo.gamma", "'focus'", "stop"):
         assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "hint"),
+    [
+        ({"network": {"hiden": 8}}, "network.hiden", "did you mean 'hidden'"),
+        ({"network": {"kind": "flat", "hidden": 8}}, "network.hidden", "known are kind, layers"),
+        ({"network": {"kind": "flatt"}}, "network", "did you mean 'flat'"),
+        ({"network": {"kind": "flat", "layers": []}}, "network.layers", "at least 1 item"),
+        ({"network": {"rounds": -1}}, "network.rounds", "greater than or equal to 0"),
+        ({"network": 8}, "network", "should be an object"),
+        ({"shaping": {"weigt": 1.0}}, "shaping.weigt", "did you mean 'weight'"),
+        ({"shaping": {"potential": "intrface", "weight": 1.0}}, "shaping.potential", "did you mean 'interface'"),
+        ({"shaping": 1.0}, "shaping", "should be an object"),
+        ({"warm_start": {"epoch": 8}}, "warm_start.epoch", "did you mean 'epochs'"),
+        ({"warm_start": "bc"}, "warm_start", "should be an object"),
+        ({"ppo": SMALL["ppo"] | {"hidden": 8}}, "ppo.hidden", "unknown key"),
+        ({"ppo": SMALL["ppo"] | {"shaping": 1.0}}, "ppo.shaping", "unknown key"),
+    ],
+    ids=str,
+)
+def test_a_mistake_in_what_is_learnt_is_told_with_its_place_and_the_way_out(changes, path, hint):
+    with pytest.raises(ConfigError, match="1 mistake") as caught:
+        small_config(**changes)
+    assert f"  {path}: " in str(caught.value) and hint in str(caught.value)
 
 
 # Shaping ----------------------------------------------------------------------------------------------------------

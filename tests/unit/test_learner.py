@@ -11,11 +11,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 
 from agents.candidate_policy import CandidatePolicy, read_candidates  # noqa: E402
 from agents.learner import CandidatePPO  # noqa: E402
+from agents.training_config import NetworkSettings  # noqa: E402
 from agents.training_view import TrainingView  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
 from tests.small_scene import small_scene  # noqa: E402
 
 N_ENVS, N_STEPS = 3, 20
+NETWORK = NetworkSettings(hidden=16, rounds=2)
 
 
 def learnt(learner, **changes):
@@ -23,7 +25,7 @@ def learnt(learner, **changes):
     scene = small_scene(seed=2, load=0.02)
     view = TrainingView(DummyVecEnv([lambda: ResectEnv(scene) for _ in range(N_ENVS)]), 1.0, 0.9)
     settings = {"n_steps": N_STEPS, "batch_size": N_ENVS * N_STEPS, "n_epochs": 1, "ent_coef": 0.02, "gamma": 0.9}
-    model = learner(CandidatePolicy, view, policy_kwargs={"hidden": 16}, device="cpu", seed=3, **settings | changes)
+    model = learner(CandidatePolicy, view, policy_kwargs={"network": NETWORK}, device="cpu", seed=3, **settings | changes)
     # Plain descent: the first step of Adam has the size of the learning rate wherever a slope is not exactly 0.
     model.policy.optimizer = torch.optim.SGD(model.policy.parameters(), lr=1.0)
     torch.nn.init.normal_(model.policy.network.logit.weight)
