@@ -1,13 +1,14 @@
-"""The candidate network: one small set of weights shared by all tetrahedra and all legal cuts, blind to how they are numbered.
+"""The candidate network: one small set of weights shared by all tetrahedra and all legal cuts, blind to numbers and turns.
 
     tetrahedron -> embedding -> rounds of messages between tetrahedra that are sewn to each other -> what is known of it
     mean, maximum and weighted means over the tetrahedra, with the globals -> context -> value of the state
     legal cut + what is known of its two sides + context + how far it lies from where the weights are -> logit of the cut
 
-To renumber tetrahedra or faces permutes the logits and nothing else, and a mesh may have any size.
+To renumber tetrahedra or faces permutes the logits and nothing else, to turn or mirror the whole scene changes nothing at
+all, and a mesh may have any size.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import torch
@@ -18,6 +19,8 @@ from agents.segments import Graph, Segments, highest, log_softmax, messages, spr
 from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
 
+TURNED = ("offset x", "offset y", "offset z", "load_direction_x", "load_direction_y", "load_direction_z")
+"""What changes when all of the scene is turned: of it, only distances are taken."""
 OFFSET, SIDE_OFFSET = OWN_FEATURES.index("offset x"), SIDE_FEATURES.index("offset x")
 """Where a cut and a tetrahedron say where they lie."""
 SAID = 8
@@ -78,7 +81,9 @@ class CandidateNetwork(nn.Module):
             # All actions start about equally likely, and all values near zero.
             self.logit.weight.mul_(0.01)
             self.value.weight.mul_(0.1)
-        self._sees = _blindfold() if settings.is_blind_to_strain else None
+        hidden_names = {*TURNED, *(STRAINED if settings.is_blind_to_strain else ())}
+        of_state = [column.name for column in COLUMNS["globals"]]
+        self._sees = [_without(hidden_names, names) for names in (OWN_FEATURES, SIDE_FEATURES, of_state)]
 
     def forward(self, seen: Seen, graph: Graph, of: Owners) -> tuple[Tensor, Tensor]:
         """Return the log-probabilities of all candidates, (n_candidates,), and the values of the states, (n_states,).
@@ -88,12 +93,13 @@ class CandidateNetwork(nn.Module):
             graph: which tetrahedra are sewn to each other.
             of: what belongs to which state.
         """
-        if self._sees:
-            seen = Seen(*(part if part is seen.sides else part * by for part, by in zip(seen, self._sees, strict=True)))
-        known = self._known(seen.tetrahedra, graph)
-        context, centres = self._context(known, seen, of.tetrahedra)
+        features, tetrahedra, of_state = (
+            part * sees for part, sees in zip((seen.features, seen.tetrahedra, seen.of_state), self._sees, strict=True)
+        )
+        known = self._known(tetrahedra, graph)
+        context, centres = self._context(known, seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3], of_state, of.tetrahedra)
         # In place, like the rectifiers: new memory costs as much as the sum.
-        joined = self.of_candidate(seen.features).add_(spread(self.from_context(context), of.candidates))
+        joined = self.of_candidate(features).add_(spread(self.from_context(context), of.candidates))
         for layer, side in zip(self.of_sides, seen.sides, strict=True):
             joined = joined.add_(layer(known).index_select(0, side))
         away = seen.features[:, None, OFFSET : OFFSET + 3] - spread(centres, of.candidates).unflatten(1, (-1, 3))
@@ -108,22 +114,16 @@ class CandidateNetwork(nn.Module):
             known = known + own(known).add_(messages(sent(known), graph)).relu_()
         return known
 
-    def _context(self, known: Tensor, seen: Seen, of: Segments) -> tuple[Tensor, Tensor]:
+    def _context(self, known: Tensor, offset: Tensor, of_state: Tensor, of: Segments) -> tuple[Tensor, Tensor]:
         """Return what is known of each state, (n_states, hidden), and where its weighted means lie, (n_states, heads * 3)."""
         mean, maximum = total(known, of) / of.length[:, None], known.gather(0, highest(known, of))
         weight = log_softmax(self.weight(known), of).exp()
-        said = torch.cat([self.said(known), seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]], 1)
+        said = torch.cat([self.said(known), offset], 1)
         heard = total((weight[:, :, None] * said[:, None]).flatten(1), of).unflatten(1, (weight.shape[1], -1))
-        context = self.context(torch.cat([mean, maximum, heard[:, :, :SAID].flatten(1), seen.of_state], 1))
+        context = self.context(torch.cat([mean, maximum, heard[:, :, :SAID].flatten(1), of_state], 1))
         return context, heard[:, :, SAID:].flatten(1)
 
 
-def _blindfold() -> Seen:
-    """Return factors that hide how strained the body is."""
-    of_state = [column.name for column in COLUMNS["globals"]]
-    return Seen(_without(OWN_FEATURES), torch.empty(0), _without(SIDE_FEATURES), _without(of_state))
-
-
-def _without(names: Sequence[str]) -> Tensor:
-    """Return a factor for each feature: 0 for what tells how strained the body is."""
-    return torch.tensor([float(name not in STRAINED) for name in names])
+def _without(hidden: Collection[str], names: Sequence[str]) -> Tensor:
+    """Return a factor for each feature: 0 for what is hidden."""
+    return torch.tensor([float(name not in hidden) for name in names])

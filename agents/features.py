@@ -17,12 +17,13 @@ Array = np.ndarray[Any, Any]
 
 OWN_FEATURES = (
     "is a face", "area", "both sides target", "one side target", "an anchor", "highest healthy strain",
-    "offset x", "offset y", "offset z", "distance", "distance along the load",
+    "distance", "distance along the load", "distance towards the anchors", "offset x", "offset y", "offset z",
 )  # fmt: skip
-"""What a candidate shows of itself; its offset is seen from the centre of the target."""
+"""What a candidate shows of itself; it is seen from the centre of the target."""
 SIDE_FEATURES = (
     "target", "anchor", "strain", "volume ratio", "stiffness", "volume", "free faces", "cut faces", "vessel",
-    "target neighbours", "healthy neighbours", "node mass", "offset x", "offset y", "offset z", "distance along the load",
+    "target neighbours", "healthy neighbours", "node mass",
+    "distance", "distance along the load", "distance towards the anchors", "offset x", "offset y", "offset z",
 )  # fmt: skip
 """What a tetrahedron shows; the first nine are columns of the observation's tetrahedra."""
 N_OWN, N_SIDE = len(OWN_FEATURES), len(SIDE_FEATURES)
@@ -100,7 +101,8 @@ _QUARTER = np.float32(0.25)
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
 # Strains come last, or the order of the sides would tell them to a network that is to be blind to them.
 _COMPARED = tuple(sorted(range(N_SIDE), key=lambda column: SIDE_FEATURES[column] in ("strain", "volume ratio")))
-_TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS, _OFFSET, _ALONG = (_COPIED + place for place in (0, 1, 2, 3, 6))
+_TARGETS_BESIDE, _HEALTHY_BESIDE, _MASS, _SIDE_PLACE = (_COPIED + place for place in (0, 1, 2, 3))
+_OWN_PLACE = OWN_FEATURES.index("distance")
 
 
 def gather_candidates(observed: Observed, mask: Array) -> Candidates:
@@ -130,11 +132,15 @@ def _gather(observed, is_legal, out):
     n_faces = observed.faces.shape[1]
     centres = np.empty((observed.tetrahedra.shape[1], 3), np.float32)
     place_of = np.empty(observed.tetrahedra.shape[1], np.int32)
-    middle = np.empty(3, np.float32)
+    middle, ways = np.empty(3, np.float32), np.empty((2, 3), np.float32)
     for row in range(is_legal.shape[0]):
         start, stop = out.tetrahedron_offset[row], out.tetrahedron_offset[row + 1]
-        sides, neighbours, load = out.tetrahedra[start:stop], out.neighbours[start:stop], observed.globals[row]
+        sides, neighbours = out.tetrahedra[start:stop], out.neighbours[start:stop]
         _fill_sides(observed, row, sides, neighbours, place_of, centres, middle)
+        _find_ways(observed.globals[row], sides, place_of, centres, middle, ways)
+        for tet in range(len(place_of)):
+            if place_of[tet] >= 0:
+                _locate(sides[place_of[tet], _SIDE_PLACE:], centres[tet], middle, ways)
         faces, face_tetrahedra = observed.faces[row], observed.face_tetrahedra[row]
         place = out.offset[row]
         for candidate in range(is_legal.shape[1]):
@@ -147,27 +153,44 @@ def _gather(observed, is_legal, out):
                 two = place_of[int(face_tetrahedra[candidate, 1])]
                 _relate(own, out.sides[place], sides, one, two)
                 own[0], own[1] = 1.0, faces[candidate, AREA]
-                _locate(own, faces[candidate, CENTROID:], middle, load)
+                _locate(own[_OWN_PLACE:], faces[candidate, CENTROID:], middle, ways)
             else:
                 one = place_of[candidate - n_faces]
                 _relate(own, out.sides[place], sides, one, one)
                 own[0], own[1] = 0.0, 0.0
-                _locate(own, centres[candidate - n_faces], middle, load)
+                _locate(own[_OWN_PLACE:], centres[candidate - n_faces], middle, ways)
             place += 1
         if place == out.offset[row]:
             out.action[place], out.features[place], out.sides[place] = 0, 0.0, 0
 
 
 @kernel
-def _locate(own, centre, middle, load):
-    """Write where a candidate lies, seen from the middle of the target."""
-    square, along = np.float32(0.0), np.float32(0.0)
+def _find_ways(of_state, sides, place_of, centres, middle, ways):
+    """Find the directions of the load and of the anchors' centre seen from the target's, each 0 where there is none."""
+    ways[1] = 0.0
+    for tet in range(len(place_of)):
+        if place_of[tet] >= 0 and sides[place_of[tet], _ANCHOR] > 0.0:
+            for axis in range(3):
+                ways[1, axis] += centres[tet, axis] - middle[axis]
+    square = np.float32(0.0)
+    for axis in range(3):
+        ways[0, axis] = of_state[LOAD_DIRECTION + axis]
+        square += ways[1, axis] * ways[1, axis]
+    if square > 0.0:
+        ways[1] /= np.sqrt(square)
+
+
+@kernel
+def _locate(place, centre, middle, ways):
+    """Write where something lies, seen from the middle of the target."""
+    place[:3] = 0.0
     for axis in range(3):
         offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
-        own[6 + axis] = offset
-        square += offset * offset
-        along += offset * load[LOAD_DIRECTION + axis]
-    own[9], own[10] = np.sqrt(square), along
+        place[3 + axis] = offset
+        place[0] += offset * offset
+        place[1] += offset * ways[0, axis]
+        place[2] += offset * ways[1, axis]
+    place[0] = np.sqrt(place[0])
 
 
 @kernel
@@ -205,18 +228,6 @@ def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
             for axis in range(3):
                 middle[axis] += centre[axis]
     middle /= np.float32(max(n_target, 1))
-    for tet in range(len(place_of)):
-        if place_of[tet] >= 0:
-            _place(sides[place_of[tet]], centres[tet], middle, observed.globals[row])
-
-
-@kernel
-def _place(side, centre, middle, load):
-    """Write where a tetrahedron lies, seen from the middle of the target."""
-    for axis in range(3):
-        offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
-        side[_OFFSET + axis] = offset
-        side[_ALONG] += offset * load[LOAD_DIRECTION + axis]
 
 
 @kernel

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 torch = pytest.importorskip("torch")
 
-from agents.candidate_network import SAID, SIDE_OFFSET, STRAINED, Owners  # noqa: E402
+from agents.candidate_network import SAID, SIDE_OFFSET, STRAINED, TURNED, Owners  # noqa: E402
 from agents.candidate_policy import OBSERVATION_KEYS, CandidatePolicy, _drawn, _prepared, read_candidates  # noqa: E402
 from agents.features import OWN_FEATURES, SIDE_FEATURES  # noqa: E402
 from agents.segments import segments  # noqa: E402
@@ -136,20 +137,29 @@ def test_a_state_without_a_legal_action_has_a_finite_value_and_leaves_the_others
 
 def slow_forward(network, state):
     """Return the log-probabilities of one state's candidates, and its value, layer by layer as the module draws it."""
-    features, tetrahedra, of_state = map(torch.from_numpy, (state.features, state.tetrahedra, state.of_state[0]))
+    columns = OWN_FEATURES, SIDE_FEATURES, [column.name for column in COLUMNS["globals"]]
+    tables = (state.features, state.tetrahedra, state.of_state[0])
+    features, tetrahedra, of_state = (
+        torch.from_numpy(np.where(np.isin(names, TURNED), np.float32(0.0), table))
+        for table, names in zip(tables, columns, strict=True)
+    )
     links = torch.zeros(len(tetrahedra), len(tetrahedra))
     for row, others in enumerate(state.neighbours.tolist()):
         links[row, [other for other in others if other >= 0]] = 1.0
     known = network.embedding(tetrahedra).relu()
     for own, sent in zip(network.own, network.sent, strict=True):
         known = known + (own(known) + 0.5 * links @ sent(known)).relu()
-    weight, said, place = network.weight(known).softmax(0), network.said(known), tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]
+    weight, said, place = (
+        network.weight(known).softmax(0),
+        network.said(known),
+        torch.from_numpy(state.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]),
+    )
     heard, centres = (weight.T @ said).flatten(), weight.T @ place
     assert said.shape[1] == SAID
     context = network.context(torch.cat([known.mean(0), known.amax(0), heard, of_state]))
     logits = []
-    for own, (one, two) in zip(features, state.sides.tolist(), strict=True):
-        offset = own[[OWN_FEATURES.index(f"offset {axis}") for axis in "xyz"]]
+    offsets = torch.from_numpy(state.features[:, [OWN_FEATURES.index(f"offset {axis}") for axis in "xyz"]])
+    for own, offset, (one, two) in zip(features, offsets, state.sides.tolist(), strict=True):
         distance = torch.stack([(offset - centre) @ (offset - centre) for centre in centres])
         joined = network.of_candidate(own) + network.from_context(context) + network.from_distance(distance)
         joined = joined + network.of_sides[0](known[one]) + network.of_sides[1](known[two])
@@ -202,6 +212,30 @@ def graph_of(state):
     return _prepared(state, of)[1]
 
 
+def turned(observation, rng):
+    """Return the same state with the whole scene turned, mirrored and moved."""
+    turn, other = Rotation.random(random_state=rng).as_matrix() @ np.diag([1.0, 1.0, -1.0]), dict(observation)
+    for table, column_names in COLUMNS.items():
+        other[table] = observation[table].copy()
+        names = [column.name for column in column_names]
+        for place, name in enumerate(names):
+            if name.endswith("_x"):
+                other[table][..., place : place + 3] = observation[table][..., place : place + 3] @ turn.T
+    for table, name in (("nodes", "position_x"), ("faces", "centroid_x")):
+        place = [column.name for column in COLUMNS[table]].index(name)
+        other[table][..., place : place + 3] += (0.3, -0.7, 1.1)
+    return other
+
+
+def test_to_turn_mirror_and_move_the_whole_scene_changes_nothing(env, policy, rng):
+    for observation in states(env):
+        expected, value = log_probabilities(policy, observation)
+        found, other_value = log_probabilities(policy, turned(observation, rng))
+        # float32 round-off, of coordinates of the order of ten
+        np.testing.assert_allclose(found, expected, atol=1e-3)
+        assert other_value == pytest.approx(value, abs=1e-3)
+
+
 # Blindness to strain ----------------------------------------------------------------------------------------------
 
 SHOWS_STRAIN = {
@@ -242,6 +276,7 @@ def test_each_single_number_of_a_strain_is_hidden_and_no_other(env, policy):
             table[:, place] += np.linspace(1.0, 2.0, len(table))
             changed = candidates._replace(**{part: table})
             for reader, sees in ((policy, True), (blind, name not in STRAINED)):
+                sees &= not name.startswith("load_direction")  # it is in the distances along the load
                 with torch.no_grad():
                     before, after = (reader._score(each, None)[2:] for each in (candidates, changed))
                 assert sees != all(map(torch.equal, before, after)), name

@@ -46,14 +46,21 @@ def slow_centroid(observation, tet):
 
 
 def slow_offset(observation, place):
-    """Return how far a place lies from the centre of the target, scaled, by axis and along the load."""
-    is_target = observation["tetrahedra"][:, column("tetrahedra", "target")] > 0.0
-    centre = np.mean([slow_centroid(observation, tet) for tet in np.flatnonzero(is_target)], axis=0)
-    offset = features.OFFSET_SCALE * (place - centre)
+    """Return how far a place lies from the centre of the target, scaled, by axis and along two directions."""
+    target, anchors = (slow_centre(observation, kind) for kind in ("target", "anchor"))
+    offset = features.OFFSET_SCALE * (place - target)
     start = column("globals", "load_direction_x")
     return dict(zip(("offset x", "offset y", "offset z"), offset, strict=True)) | {
-        "distance along the load": offset @ observation["globals"][start : start + 3]
+        "distance": np.linalg.norm(offset),
+        "distance along the load": offset @ observation["globals"][start : start + 3],
+        "distance towards the anchors": offset @ (anchors - target) / np.linalg.norm(anchors - target),
     }
+
+
+def slow_centre(observation, kind):
+    """Return the mean rest centroid of the tetrahedra of a kind."""
+    is_kind = observation["tetrahedra"][:, column("tetrahedra", kind)] > 0.0
+    return np.mean([slow_centroid(observation, tet) for tet in slow_attached(observation) if is_kind[tet]], axis=0)
 
 
 def slow_side(observation, tet):
@@ -93,7 +100,6 @@ def slow_candidate(observation, action):
         "one side target": abs(one["target"] - other["target"]),
         "an anchor": max(one["anchor"], other["anchor"]),
         "highest healthy strain": max(side["strain"] * (1.0 - side["target"]) for side in (one, other)),
-        "distance": np.linalg.norm([offset[f"offset {axis}"] for axis in "xyz"]),
     }
     return [own[name] for name in OWN_FEATURES], tetrahedra
 
