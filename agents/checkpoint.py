@@ -26,6 +26,8 @@ from gmapspring.paths import write_atomically
 
 FORMAT = 2
 """Version of the page."""
+SCENE_JOINT = " + "
+"""What stands between the names of scenes; files may well have a + in their names, but hardly with spaces around it."""
 _PAGE = "gmapspring.json"
 _TRANSIENT = ("_last_obs", "_last_episode_starts", "_last_original_obs", "ep_info_buffer", "ep_success_buffer")
 
@@ -38,7 +40,7 @@ class Page(NamedTuple):
     """What a saved policy says about itself."""
 
     scene: str
-    """Name or file of the scenes it was trained on."""
+    """Names or files of the scenes it was trained on, with SCENE_JOINT between them."""
     mask: str
     """Mask mode it was trained with."""
     network: dict[str, Any]

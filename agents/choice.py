@@ -37,7 +37,7 @@ def is_saved(name: str) -> bool:
 
 
 def home_of(name: str) -> Setting:
-    """Return the scene and the mask a saved policy was trained with, shielded or not, or the defaults for any other.
+    """Return the first scene and the mask a saved policy was trained with, shielded or not, or the defaults for any other.
 
     Raises:
         ConfigError: there is no such policy.
@@ -57,7 +57,7 @@ def home_of(name: str) -> Setting:
     if not pathlib.Path(name).is_file():
         raise ConfigError(f"cannot read {name}: there is no such file")
     page = _checkpoint().read_page(pathlib.Path(name))
-    return Setting(page.scene, page.mask)
+    return Setting(page.scene.split(_checkpoint().SCENE_JOINT)[0], page.mask)
 
 
 def make_policy(name: str, env: gym.Env[Any, Any], seed: int) -> Policy:

@@ -31,7 +31,7 @@ def run_demo(folder: pathlib.Path, train_seconds: float, seed: int, console: Con
     config = load_config(configs_folder() / "train" / f"{CONFIG}.yaml", TrainingConfig).replaced(seed, train_seconds)
     _head(console, "1. A liver is cut")
     cut_liver(folder, console)
-    _head(console, f"2. A policy is trained on {config.scene}, for {train_seconds:.0f} CPU seconds")
+    _head(console, f"2. A policy is trained on {config.scenes[0]}, for {train_seconds:.0f} CPU seconds")
     result = _train(folder / "training", config, console)
     if result.signal is not None:
         print(f"interrupted: what was learnt is in {folder / 'training'}", file=sys.stderr)
@@ -44,7 +44,7 @@ def run_demo(folder: pathlib.Path, train_seconds: float, seed: int, console: Con
 def compare(folder: pathlib.Path, config: TrainingConfig, seed: int, console: Console) -> None:
     """Evaluate the trained policy and all scripted ones on the test scenes; print the table and write it down."""
     names = {LEARNED: str(folder / "training" / "best.zip")} | {name: name for name in POLICIES}
-    env = ResectEnv(config.scene, "test", config.mask)
+    env = ResectEnv(config.scenes[0], "test", config.mask)
     episodes: list[Episode] = []
     summaries: list[Summary] = []
     with ProgressReport(console, "evaluating") as report:
@@ -55,7 +55,7 @@ def compare(folder: pathlib.Path, config: TrainingConfig, seed: int, console: Co
             report.update(len(summaries) / len(names), shown)
     summaries.sort(key=lambda summary: -summary.total_return.mean)
     rows = summary_rows(summaries)
-    print_table(console, f"{config.scene}, test scenes: mean ± standard error (standard deviation)", HEADERS, rows)
+    print_table(console, f"{config.scenes[0]}, test scenes: mean ± standard error (standard deviation)", HEADERS, rows)
     write_atomically(folder / "table.md", as_markdown(HEADERS, rows).encode())
     write_atomically(folder / "table.csv", episodes_as_csv(episodes).encode())
     places = f"The table: {folder / 'table.md'}; every episode: {folder / 'table.csv'}"

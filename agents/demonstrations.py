@@ -28,6 +28,11 @@ class Demonstrations(NamedTuple):
     """Action ids, int64, shape (n_states,)."""
 
 
+def together(parts: Sequence[Demonstrations]) -> Demonstrations:
+    """Return what several scenes show, one after the other."""
+    return Demonstrations([state for part in parts for state in part.states], np.concatenate([part.actions for part in parts]))
+
+
 def demonstrate(scene: str | Sequence[Scene], split: str, mask: str) -> Demonstrations:
     """Play the certificate of every scene of a split once.
 

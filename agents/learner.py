@@ -8,6 +8,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.candidate_policy import CandidatePolicy, read_candidates
+from agents.features import Candidates
 from agents.rollout_buffer import CandidateBuffer
 
 
@@ -29,7 +30,7 @@ class CandidatePPO(MaskablePPO):
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
-        candidates: Any = read_candidates(self._last_obs)
+        candidates: Any = _candidates(self._last_obs)
         for _ in range(n_rollout_steps):
             with torch.inference_mode():
                 actions, values, log_probs = self.policy(candidates)
@@ -41,9 +42,14 @@ class CandidatePPO(MaskablePPO):
             self._update_info_buffer(infos, dones)
             rollout_buffer.add(candidates, actions, rewards, self._last_episode_starts, values, log_probs)
             self._last_episode_starts = dones.copy()
-            candidates = read_candidates(self._last_obs)
+            candidates = _candidates(self._last_obs)
         with torch.inference_mode():
             values = self.policy.predict_values(candidates)
         rollout_buffer.compute_returns_and_advantage(values, dones)
         callback.on_rollout_end()
         return True
+
+
+def _candidates(seen: Any) -> Candidates:
+    """Return the candidates of what environments show: a batch of observations, or candidates already."""
+    return seen if isinstance(seen, Candidates) else read_candidates(seen)

@@ -19,9 +19,9 @@ from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.candidate_policy import CandidatePolicy
-from agents.checkpoint import Page, observation_columns, restore_model, save_checkpoint, start_from
+from agents.checkpoint import SCENE_JOINT, Page, observation_columns, restore_model, save_checkpoint, start_from
 from agents.cloning import clone
-from agents.demonstrations import demonstrate
+from agents.demonstrations import demonstrate, together
 from agents.evaluation import Summary, evaluate, summarise
 from agents.flat import FlatPolicy
 from agents.interruption import Interruption
@@ -108,7 +108,7 @@ class Trainer:
         self.config = config
         self.folder = RunFolder(folder)
         self._environments = make_environments(config)
-        self._validation = ResectEnv(config.scene, "validation", config.mask)
+        self._validation = [ResectEnv(scene, "validation", config.mask) for scene in config.scenes]
         self.model = make_model(config, self._environments)
         if start and not resume:
             start_from(start, self.model)
@@ -152,7 +152,7 @@ class Trainer:
         if settings is None or self.n_steps or self._best is not None:
             return
         set_random_seed(self.config.seed)
-        shown = demonstrate(self.config.scene, "train", self.config.mask)
+        shown = together([demonstrate(scene, "train", self.config.mask) for scene in self.config.scenes])
         stop, policy = self.config.stop.cpu_seconds or np.inf, self.model.policy
         assert isinstance(policy, CandidatePolicy), "the configuration is checked"
         start = copy.deepcopy(policy.state_dict())
@@ -210,7 +210,8 @@ class Trainer:
     def _validate(self) -> Summary:
         """Play the validation scenes, and keep the policy, as the best where it is."""
         before = self.cpu_seconds
-        summary = summarise(evaluate(self.model, self._validation, self.config.validation.episodes))
+        n_episodes = self.config.validation.episodes
+        summary = summarise([episode for env in self._validation for episode in evaluate(self.model, env, n_episodes)])
         mean = summary.total_return.mean
         is_best = self._best is None or mean >= self._best
         if is_best:
@@ -223,7 +224,7 @@ class Trainer:
     def _save(self, is_best: bool, *paths: pathlib.Path) -> None:
         """Write the last checkpoint, and the same as the best and elsewhere where asked."""
         page = Page(
-            scene=self.config.scene,
+            scene=SCENE_JOINT.join(self.config.scenes),
             mask=self.config.mask,
             network=self.config.network.model_dump(mode="json"),
             n_steps=self.n_steps,

@@ -13,6 +13,7 @@ from pydantic import (
     model_validator,
 )
 
+from agents.potentials import POTENTIALS
 from envs.actions import MASKS
 from gmapspring.config import Config, check_config, closest
 
@@ -94,9 +95,17 @@ class WarmStart(Config):
 class Shaping(Config):
     """Reward what gets on at once, by a potential that changes no optimum (Ng, Harada and Russell, 1999)."""
 
-    potential: Literal["interface"] = "interface"
+    potential: str = "interface"
+    """What is left to do, a name of `agents.potentials.POTENTIALS`."""
     weight: NonNegativeFloat
     """What all of the potential is worth, in units of return."""
+
+    @field_validator("potential")
+    @classmethod
+    def _potential_is_registered(cls, potential: str) -> str:
+        if potential not in POTENTIALS:
+            raise ValueError(f"there is no potential {potential!r}; {closest(potential, POTENTIALS)}")
+        return potential
 
 
 class StopRule(Config):
@@ -127,8 +136,8 @@ class ValidationSettings(Config):
 class TrainingConfig(Config):
     """Describe one training run."""
 
-    scene: str
-    """Name of a shipped scene, or a scene file."""
+    scene: str | Annotated[list[str], Field(min_length=1)]
+    """Name of a shipped scene, or a scene file; or several of them, each played in as many environments."""
     mask: str = "all"
     """What counts as legal, a name of `envs.actions.MASKS`."""
     seed: NonNegativeInt
@@ -152,6 +161,20 @@ class TrainingConfig(Config):
         if self.warm_start and isinstance(self.network, FlatSettings):
             raise ValueError("warm_start: certificates are cloned by a network of kind 'candidates' only; leave warm_start out")
         return self
+
+    @model_validator(mode="after")
+    def _scenes_fit(self) -> Self:
+        n_scenes, n_envs = len(self.scenes), self.ppo.n_envs
+        if n_envs % n_scenes:
+            raise ValueError(f"scene: {n_scenes} scenes cannot share ppo.n_envs = {n_envs} evenly; make it a multiple")
+        if n_scenes > 1 and isinstance(self.network, FlatSettings):
+            raise ValueError("scene: a flat network is made for one size of mesh; give one scene, or another kind of network")
+        return self
+
+    @property
+    def scenes(self) -> list[str]:
+        """Return the scenes, one or more."""
+        return [self.scene] if isinstance(self.scene, str) else self.scene
 
     def replaced(self, seed: int | None, cpu_seconds: float | None, warm_start: str | None = None) -> "TrainingConfig":
         """Return the same with what is given: another seed, CPU time as the only rule for stopping, cloning ("bc") or "none"."""

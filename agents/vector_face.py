@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from envs.scene import Scene
 from envs.vector import ResectVectorEnv
 from gmapspring.errors import ConfigError
 
@@ -46,6 +47,10 @@ class ResectVecEnv(VecEnv):
                 "terminal_observation": info["final_obs"][row], "TimeLimit.truncated": bool(truncated[row]),
             }  # fmt: skip
         return observation, rewards.astype(np.float32), dones, infos
+
+    def scene_of(self, row: int) -> Scene:
+        """Return the scene that a row plays."""
+        return self.envs.scene_of(row)
 
     def close(self) -> None:
         """Nothing is open."""

@@ -7,14 +7,12 @@ import signal
 import time
 import zipfile
 
-import numpy as np
 import pytest
 import yaml
 
 torch = pytest.importorskip("torch")
 
 from sb3_contrib import MaskablePPO  # noqa: E402
-from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 
 from agents.checkpoint import CheckpointError, load_policy, read_page  # noqa: E402
 from agents.command_line import main  # noqa: E402
@@ -22,7 +20,6 @@ from agents.progress import ProgressReport  # noqa: E402
 from agents.run_folder import RunFolderError  # noqa: E402
 from agents.training import Trainer  # noqa: E402
 from agents.training_config import TrainingConfig  # noqa: E402
-from agents.training_view import TrainingView, interface_area  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
 from gmapspring.config import check_config, load_config  # noqa: E402
 from gmapspring.errors import ConfigError  # noqa: E402
@@ -288,112 +285,6 @@ def test_a_mistake_in_what_is_learnt_is_told_with_its_place_and_the_way_out(chan
     with pytest.raises(ConfigError, match="1 mistake") as caught:
         small_config(**changes)
     assert f"  {path}: " in str(caught.value) and hint in str(caught.value)
-
-
-# Shaping ----------------------------------------------------------------------------------------------------------
-
-
-def shaped_view(n_envs, weight, gamma):
-    """Return (environments, the same as training sees them)."""
-    environments = [ResectEnv(small_scene(seed=2, load=0.02)) for _ in range(n_envs)]
-    return environments, TrainingView(DummyVecEnv([lambda env=env: env for env in environments]), weight, gamma)
-
-
-def random_actions(observation, rng):
-    """Return a legal action for each row."""
-    return np.array([rng.choice(np.flatnonzero(mask)) for mask in observation["action_mask"]])
-
-
-def test_shaping_moves_the_discounted_return_of_every_episode_by_the_same_amount():
-    gamma, weight, n_envs = 0.9, 2.0, 3
-    plain, shaped = shaped_view(n_envs, 0.0, gamma)[1], shaped_view(n_envs, weight, gamma)[1]
-    rng = np.random.default_rng(0)
-    plain.seed(0), shaped.seed(0)
-    observation, _ = plain.reset(), shaped.reset()
-    returns, factor, differences = np.zeros(n_envs), np.ones(n_envs), []
-    while len(differences) < 6:
-        actions = random_actions(observation, rng)
-        observation, rewards, dones, _ = plain.step(actions)
-        returns += factor * (shaped.step(actions)[1] - rewards)
-        differences += list(returns[dones])
-        returns, factor = np.where(dones, 0.0, returns), np.where(dones, 1.0, factor * gamma)
-    # The potential at the start is minus the weight, at the end 0. Rewards are float32: some 10 of them, of size 1.
-    np.testing.assert_allclose(differences, weight, atol=1e-5)
-
-
-def test_the_reward_without_shaping_is_what_cost_and_outcome_are_worth():
-    (env,), view = shaped_view(1, 0.0, 0.99)
-    rng, dones = np.random.default_rng(0), [False]
-    observation = view.reset()
-    while not dones[0]:
-        cost = env.task.cost
-        task, outcomes = env.task, []
-        settle = task.settle
-
-        def remember(settle=settle, outcomes=outcomes, task=task):
-            settle()
-            outcomes.append((task.outcome, task.cost))
-
-        task.settle = remember
-        observation, rewards, dones, _ = view.step(random_actions(observation, rng))
-        task.settle = settle
-        outcome, after = outcomes[0]
-        worth = -0.5 * (after - cost) / env.optimum + {"separated": 1.5, None: 0.0}.get(outcome, -1.0)
-        assert rewards[0] == pytest.approx(worth, abs=1e-6)
-
-
-def test_an_ended_episode_tells_its_plain_return_its_length_and_its_success():
-    _, view = shaped_view(2, 2.0, 0.9)
-    _, plain = shaped_view(2, 0.0, 0.9)
-    rng = np.random.default_rng(3)
-    view.seed(0), plain.seed(0)
-    observation, _ = view.reset(), plain.reset()
-    totals, lengths, n_ended = np.zeros(2), np.zeros(2), 0
-    while n_ended < 4:
-        actions = random_actions(observation, rng)
-        observation, _, dones, infos = view.step(actions)
-        totals, lengths = totals + plain.step(actions)[1], lengths + 1
-        for row, has_ended in enumerate(dones):
-            assert ("episode" in infos[row]) == has_ended
-            if has_ended:
-                assert infos[row]["episode"]["r"] == pytest.approx(totals[row], abs=1e-5)
-                assert infos[row]["episode"]["l"] == lengths[row]
-                assert infos[row]["is_success"] in (False, True)
-                totals[row], lengths[row], n_ended = 0.0, 0, n_ended + 1
-
-
-def test_the_interface_shrinks_by_the_area_of_a_face_that_is_cut():
-    env = ResectEnv(small_scene(seed=2, load=0.02))
-    observation, _ = env.reset(seed=0)
-    table, target = env.task.table, env.scene.target
-    face = int(np.flatnonzero(target[table.face_tetrahedra].sum(axis=1) == 1)[0])
-    after, *_ = env.step(face)
-    area = table.face_area[face] / env.scene.spacing**2
-    assert interface_area(observation) - interface_area(after) == pytest.approx(area, rel=1e-5)
-
-
-def test_the_view_calls_an_episode_that_overruns_its_budget_over():
-    (env,), view = shaped_view(1, 0.0, 0.99)
-    env.step_limit = 3
-    observation, rng = view.reset(), np.random.default_rng(1)
-    for has_ended in (False, False, True):
-        observation, _, dones, infos = view.step(random_actions(observation, rng))
-        assert dones[0] == has_ended
-    assert not infos[0]["TimeLimit.truncated"]
-
-
-def test_what_is_seen_after_the_end_is_a_new_episode_with_its_own_interface():
-    (env,), view = shaped_view(1, 2.0, 1.0)
-    observation, rng, dones = view.reset(), np.random.default_rng(1), [False]
-    start = interface_area({key: array[0] for key, array in observation.items()})
-    while not dones[0]:
-        observation, _, dones, _ = view.step(random_actions(observation, rng))
-    assert interface_area(observation).tolist() == [start]
-    target = env.scene.target
-    face = int(np.flatnonzero(target[env.task.table.face_tetrahedra].sum(axis=1) == 1)[0])
-    area, cost = env.task.table.face_area[face] / env.scene.spacing**2, env.task.cost
-    _, rewards, _, _ = view.step(np.array([face]))
-    assert rewards[0] == pytest.approx(2.0 * area / start - 0.5 * (env.task.cost - cost) / env.optimum, abs=1e-5)
 
 
 def test_the_command_trains_from_a_file(tmp_path, capsys):

@@ -161,5 +161,5 @@ def test_a_scene_with_many_mistakes_names_every_one():
         "pinned: the key 'kind' is missing",
         "splits.test: seeds 10 to 20 (excluded) are fewer than count = 128",
         "splits.tran: there is no split 'tran'; did you mean 'train'?",
-        "target: 'topcube' is not one of 'top_cube', 'ellipsoid', 'region'; did you mean 'top_cube'?",
+        "target: 'topcube' is not one of 'top_cube', 'ellipsoid', 'under_surface', 'region'; did you mean 'top_cube'?",
     ]

@@ -7,13 +7,12 @@ torch = pytest.importorskip("torch")
 
 from sb3_contrib import MaskablePPO  # noqa: E402
 from stable_baselines3.common.utils import set_random_seed  # noqa: E402
-from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 
 from agents.candidate_policy import CandidatePolicy, read_candidates  # noqa: E402
 from agents.learner import CandidatePPO  # noqa: E402
-from agents.training_config import NetworkSettings  # noqa: E402
+from agents.training_config import NetworkSettings, Shaping  # noqa: E402
 from agents.training_view import TrainingView  # noqa: E402
-from envs.resect import ResectEnv  # noqa: E402
+from agents.vector_face import ResectVecEnv  # noqa: E402
 from tests.small_scene import small_scene  # noqa: E402
 
 N_ENVS, N_STEPS = 3, 20
@@ -23,7 +22,7 @@ NETWORK = NetworkSettings(hidden=16, rounds=2)
 def learnt(learner, **changes):
     """Return a model after one update, whose environments ended some episodes on the way."""
     scene = small_scene(seed=2, load=0.02)
-    view = TrainingView(DummyVecEnv([lambda: ResectEnv(scene) for _ in range(N_ENVS)]), 1.0, 0.9)
+    view = TrainingView(ResectVecEnv(N_ENVS, scene=scene), Shaping(weight=1.0), 0.9)
     settings = {"n_steps": N_STEPS, "batch_size": N_ENVS * N_STEPS, "n_epochs": 1, "ent_coef": 0.02, "gamma": 0.9}
     model = learner(CandidatePolicy, view, policy_kwargs={"network": NETWORK}, device="cpu", seed=3, **settings | changes)
     # Plain descent: the first step of Adam has the size of the learning rate wherever a slope is not exactly 0.
