@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.choice import SHIELD
 from agents.evaluation import Episode
 from agents.results import Array, Curve, Group, Results, found_for, gap_by_seed, means_by_seed
 from agents.statistics import estimate, estimate_difference, estimate_share, interquartile_mean
@@ -58,7 +59,7 @@ def policies(results: Results, scene: str) -> Table:
     groups.sort(key=lambda group: -float(group.values("total_return").mean()))
     headers = ("policy", "seeds x scenes", "interquartile mean return", "mean return", "success", "set regret", "order regret",
                "other ends", "simulated steps", "steps/s", "training CPU s")  # fmt: skip
-    return Table(headers, [_policy_row(group, results.curves.get(group.name, {})) for group in groups])
+    return Table(headers, [_policy_row(group, results.curves.get(group.name.removeprefix(f"{SHIELD}:"), {})) for group in groups])
 
 
 def _policy_row(group: Group, curves: dict[int, Curve]) -> tuple[str, ...]:

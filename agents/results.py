@@ -7,8 +7,9 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
+from agents.choice import SHIELD
 from agents.evaluation import Episode
-from agents.study_config import Reach, Row, StudyConfig
+from agents.study_config import Evaluation, Reach, Row, StudyConfig
 from agents.study_jobs import DONE, Job, jobs_of, read_stamp, state_of
 
 Array = np.ndarray[Any, Any]
@@ -18,7 +19,7 @@ class Group(NamedTuple):
     """All episodes of one row, or of one scripted policy, on the scenes of one split."""
 
     name: str
-    """Of the row or the scripted policy."""
+    """Of the row, with `shield:` before it where it was shielded, or of the scripted policy."""
     scene: str
     split: str
     by_seed: dict[int, list[Episode]]
@@ -82,7 +83,8 @@ def _groups(jobs: Sequence[Job]) -> list[Group]:
     groups: dict[tuple[str, str, str], Group] = {}
     for job in jobs:
         assert job.played is not None
-        key = (job.row, job.played.scene, job.played.split)
+        is_shielded = isinstance(job.played, Evaluation) and job.played.is_shielded
+        key = (f"{SHIELD}:{job.row}" if is_shielded else job.row, job.played.scene, job.played.split)
         group = groups.setdefault(key, Group(*key, {}, job.seed is not None))
         group.by_seed[job.seed or 0] = read_episodes(job.output)
     return list(groups.values())

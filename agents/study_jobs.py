@@ -18,6 +18,7 @@ import json
 import pathlib
 from typing import Any, NamedTuple
 
+from agents.choice import SHIELD
 from agents.study_config import SCRIPTS, Evaluation, PlayedScenes, Row, Scripts, StudyConfig
 from envs.library import certificate_path, load_scene_config, load_scenes
 from gmapspring.config import read_yaml
@@ -117,7 +118,8 @@ def _training(row: Row, seed: int, folder: pathlib.Path) -> Job:
 def _judging(training: Job, played: Evaluation) -> Job:
     """Return an evaluation of what a training has made."""
     csv = training.place / "evaluation" / f"{played.title}.csv"
-    return _evaluation(training.row, str(training.output), training, played, csv)
+    policy = f"{SHIELD}:{training.output}" if played.is_shielded else str(training.output)
+    return _evaluation(training.row, policy, training, played, csv)
 
 
 def _evaluation(row: str, policy: str, training: Job | None, played: Evaluation | Scripts, csv: pathlib.Path) -> Job:

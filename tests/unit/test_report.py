@@ -81,6 +81,12 @@ def test_missing_seeds_leave_an_aim_open_unless_one_has_failed_it():
     assert "missing: 1" in aims(results_of(half)).rows[0][-2]
 
 
+def test_a_shielded_policy_has_a_line_of_its_own_with_the_training_of_its_row():
+    curve = Curve(*np.ones((4, 1)), 100, 33.0)
+    found = policies(results_of(group_of("base", [0.5]), group_of("shield:base", [0.9]), curves={"base": {0: curve}}), "box-48")
+    assert [(row[0], row[-1]) for row in found.rows] == [("**shield:base**", "33"), ("**base**", "33")]
+
+
 def test_ends_are_shares_of_all_episodes_with_what_lies_in_the_tissue_together():
     reasons = ["separated"] * 4 + ["tear"] * 2 + ["inverted"] + ["numerical"] + ["budget"] * 2
     text = ends([episode(0.0, reason=reason) for reason in reasons])

@@ -109,6 +109,18 @@ def test_jobs_come_in_the_order_of_the_file_and_know_what_they_need(tmp_path):
     assert judging.arguments[-2:] == ("--mask", "focus")
 
 
+def test_a_shielded_evaluation_is_one_of_its_own(tmp_path):
+    scene = {"scene": "box-48"}
+    study = check_config(SMALL | {"rows": [BASE | {"evaluate": [scene, scene | {"is_shielded": True}]}]}, StudyConfig)
+    plain, shielded = jobs_of(study, tmp_path)[1:3]
+    assert [job.name for job in (plain, shielded)] == ["base/seed-0/box-48-test", "base/seed-0/box-48-test-shielded"]
+    assert shielded.arguments[1] == f"shield:{plain.arguments[1]}" and shielded.output != plain.output
+    # an aim is held against the policy alone
+    lonely = {"evaluate": [scene | {"is_shielded": True}], "reach": [scene | {"aim": "a", "return": 0.5}]}
+    with pytest.raises(ConfigError, match="not evaluated on split 'test'"):
+        check_config(SMALL | {"rows": [BASE | lonely]}, StudyConfig)
+
+
 def test_an_ablation_is_evaluated_as_the_row_that_it_ablates(tmp_path):
     study = study_of({"name": "less", "train": "box-192", "ablates": "base"}, seeds=[0])
     assert [job.name for job in jobs_of(study, tmp_path)][2:] == ["less/seed-0", "less/seed-0/box-48-test"]
