@@ -15,16 +15,18 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from envs import library
+from envs.action_table import action_table
 from envs.calibrate import LOAD_TOLERANCE, Rejected, calibrated, is_calibrated, proven_plan
 from envs.finding import describe
 from envs.library import CertificateFile, Record
 from envs.optimum import minimum_cut
 from envs.order import Replay, replay
-from envs.scene import Certificate, NoSceneError, build_scene
+from envs.scene import Certificate, NoSceneError, Scene, build_scene
 from envs.scene_config import SceneConfig
 from envs.task import Resection
 from gmapspring.errors import GmapspringError
@@ -104,19 +106,32 @@ def physics_trajectory(config: SceneConfig, records: Sequence[Record]) -> list[f
 
 
 def examine(config: SceneConfig, split: str, seed: int) -> Record:
-    """Return what certification finds for a seed."""
+    """Return what certification finds for a seed of a split."""
     try:
-        return Record(split, seed, certify(config, seed), "")
+        certificate = certify(config, seed)
+        if removes_target(build_scene(config, seed), certificate):
+            raise Rejected("nothing is cheaper than to remove all of the target")
+        return Record(split, seed, certificate, "")
     except Rejected as rejection:
         return Record(split, seed, None, str(rejection))
     except NoSceneError:
         return Record(split, seed, None, "the target is all anchor")
 
 
+def removes_target(scene: Scene, certificate: Certificate) -> bool:
+    """Return whether the plan is to remove all of the target, which would teach nothing of cuts."""
+    tetrahedra = np.array(certificate.plan) - action_table(scene.mesh).n_faces
+    return bool(np.isin(np.flatnonzero(scene.target), tetrahedra).all())
+
+
 def report_seed(scene: str, seed: int, console: Console) -> None:
     """Print what certification finds for one seed, in full; nothing is written to any file."""
     config = library.load_scene_config(scene)
-    for line in describe(config, examine(config, "", seed)):
+    try:
+        record = Record("", seed, certify(config, seed), "")
+    except Rejected as rejection:
+        record = Record("", seed, None, str(rejection))
+    for line in describe(config, record):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -31,6 +31,21 @@ def test_certificates_belong_to_the_configuration_that_ships_beside_them(name):
     assert read_certificates(certificate_path(name)).digest == scene_digest(load_scene_config(name))
 
 
+@pytest.mark.parametrize(("name", "split"), SPLITS)
+def test_no_shipped_scene_is_solved_by_removing_all_of_its_target(name, split):
+    assert not any(certify.removes_target(scene, scene.certificate) for scene in load_scenes(name, split))
+
+
+def test_a_seed_whose_cheapest_way_is_to_remove_the_target_is_rejected_with_that_reason(monkeypatch):
+    scene = load_scenes("box-48", "test")[0]
+    removal = action_table(scene.mesh).n_faces + np.flatnonzero(scene.target)
+    whole = dataclasses.replace(scene.certificate, order=tuple(removal.tolist()))
+    assert not certify.removes_target(scene, dataclasses.replace(whole, order=whole.order[1:] + scene.certificate.order))
+    monkeypatch.setattr(certify, "certify", lambda config, seed: whole)
+    record = certify.examine(load_scene_config("box-48"), "test", scene.seed)
+    assert record.certificate is None and "remove all of the target" in record.reason
+
+
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_the_physics_is_the_one_that_the_certificates_were_made_with(name):
     file = read_certificates(certificate_path(name))

@@ -164,10 +164,12 @@ def test_a_shield_takes_a_batch_of_one_and_a_narrower_mask():
 def test_a_learned_policy_can_be_shielded():
     pytest.importorskip("torch")
     from agents.candidate_policy import CandidatePolicy
+    from agents.training_config import NetworkSettings
 
     env = level_0(2)
     observation, _ = env.reset(seed=0, options={"index": 1, "load_factor": 1.5})
-    learned = CandidatePolicy(env.observation_space, env.action_space, lambda _: 0.0)
+    network = NetworkSettings(hidden=16, rounds=1)
+    learned = CandidatePolicy(env.observation_space, env.action_space, lambda _: 0.0, network=network)
     shield = ShieldedPolicy(learned, env)
     safe = np.flatnonzero(observation["action_mask"])[outcomes(env, np.flatnonzero(observation["action_mask"]))[0] == 0]
     assert 0 < len(safe) < observation["action_mask"].sum()
