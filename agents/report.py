@@ -65,6 +65,7 @@ def page(results: Results, files: list[str]) -> str:
         "do not edit it.",
         made_with(results.made),
         *_section("Aims", _reached(results), tables.aims(results)),
+        *tables.remarks(results),
         *_section("Not done", "These results are missing from all that follows.", tables.unfinished(results)),
         *_section("What was trained", "", tables.rows_trained(results)),
         "## Policies on held-out scenes",

@@ -47,6 +47,15 @@ def aims(results: Results) -> Table:
     return Table(("row", "aim", "test scenes of", "asked", "measured", "by seed", ""), rows)
 
 
+def remarks(results: Results) -> Iterator[str]:
+    """Yield what limits each aim that is not reached, as the study tells it."""
+    for row in results.study.rows:
+        for reach in row.reach:
+            missed = [found.quantity for found in found_for(results, row, reach) if found.verdict == "not reached"]
+            if reach.remarks and missed:
+                yield f"**{row.name}, {reach.aim}** ({', '.join(missed)}): {reach.remarks}"
+
+
 def unfinished(results: Results) -> Table:
     """Return every job that is not done."""
     rows = [(job.name, outcome, message.replace("|", "/")) for job, outcome, message in results.states if outcome != DONE]
@@ -151,7 +160,7 @@ def ablations(results: Results) -> Table:
             continue
         for played in results.study.evaluations_of(row):
             ours, base = (results.group(name, played.scene, played.split) for name in (row.name, row.ablates))
-            if played.split != "test" or ours is None or base is None:
+            if played.split != "test" or played.is_shielded or ours is None or base is None:
                 continue
             differences = [estimate_difference(*(each.values(field).astype(float) for each in (ours, base)))
                            for field in ("total_return", "is_success")]  # fmt: skip

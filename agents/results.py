@@ -112,11 +112,16 @@ def read_curve(path: pathlib.Path) -> Curve:
     )  # fmt: skip
 
 
+ABOVE_SCRIPTS = "success less the best script's"
+KNOWS_THE_ANSWER = "certificate"
+"""The scripted policy that learned ones are not held against."""
+
+
 class Found(NamedTuple):
     """What was found where something was aimed at."""
 
     quantity: str
-    """Return, success or gap."""
+    """Return, success, gap, or ABOVE_SCRIPTS."""
     asked: float
     by_seed: dict[int, float]
     missing: list[int]
@@ -152,8 +157,10 @@ def found_for(results: Results, row: Row, reach: Reach) -> list[Found]:
         "return": means_by_seed(test, "total_return"),
         "success": means_by_seed(test, "is_success"),
         "gap": gap_by_seed(results, row.name, reach.scene),
+        ABOVE_SCRIPTS: above_scripts(results, test, reach.scene),
     }
-    asked = {"return": reach.mean_return, "success": reach.success, "gap": reach.gap}
+    above = 0.0 if reach.is_above_scripts else None
+    asked = {"return": reach.mean_return, "success": reach.success, "gap": reach.gap, ABOVE_SCRIPTS: above}
     seeds = results.study.seeds_of(row)
     return [
         Found(name, limit, figures[name], [seed for seed in seeds if seed not in figures[name]], reach.in_every_seed)
@@ -165,6 +172,18 @@ def found_for(results: Results, row: Row, reach: Reach) -> list[Found]:
 def means_by_seed(group: Group | None, field: str) -> dict[int, float]:
     """Return the mean of a field over the scenes, for each seed."""
     return {} if group is None else dict(zip(group.by_seed, group.values(field).mean(axis=1).tolist(), strict=True))
+
+
+def above_scripts(results: Results, test: Group | None, scene: str) -> dict[int, float]:
+    """Return success less that of the best scripted policy that neither simulates ahead nor knows the answer, for each seed."""
+    blind = [
+        float(group.values("is_success").mean())
+        for group in results.groups
+        if (group.scene, group.split, group.is_learned) == (scene, "test", False)
+        and group.name != KNOWS_THE_ANSWER
+        and not group.values("n_simulated").any()
+    ]
+    return {seed: value - max(blind) for seed, value in means_by_seed(test, "is_success").items()} if blind else {}
 
 
 def gap_by_seed(results: Results, name: str, scene: str) -> dict[int, float]:

@@ -87,6 +87,31 @@ def test_a_shielded_policy_has_a_line_of_its_own_with_the_training_of_its_row():
     assert [(row[0], row[-1]) for row in found.rows] == [("**shield:base**", "33"), ("**base**", "33")]
 
 
+def test_a_policy_is_held_against_scripts_that_neither_simulate_nor_know_the_answer():
+    scripts = [
+        group_of("certificate", [1.0, 1.0, 1.0])._replace(is_learned=False),
+        group_of("shield:rim-first", [1.0, 1.0, 1.0], n_simulated=9)._replace(is_learned=False),
+        group_of("random", [-1.0, -1.0, 1.0])._replace(is_learned=False),
+        group_of("rim-first", [-1.0, 1.0, 1.0])._replace(is_learned=False),
+    ]
+    ours = group_of("base", [1.0, 1.0, 1.0], [-1.0, -1.0, 1.0])
+    for reach, verdict in (({}, "reached"), ({"in_every_seed": True}, "not reached")):
+        results = results_of(ours, *scripts, reach={"is_above_scripts": True} | reach)
+        row = results.study.rows[0]
+        (found,) = found_for(results, row, row.reach[0])
+        assert list(found.by_seed.values()) == pytest.approx([1 / 3, -1 / 3])
+        assert found.verdict == verdict
+    lonely = results_of(ours, scripts[0], scripts[1], reach={"is_above_scripts": True})
+    assert found_for(lonely, lonely.study.rows[0], lonely.study.rows[0].reach[0])[0].verdict == "not measured"
+
+
+def test_remarks_stand_on_the_page_only_where_an_aim_is_missed():
+    groups = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("less", [0.5, 0.7], [0.7, 0.9])
+    for asked, stands in ((0.9, True), (0.6, False)):
+        text = page(results_of(*groups, reach={"return": asked, "remarks": "Too little time."}), [])
+        assert ("**base, to be good** (return): Too little time." in text) == stands
+
+
 def test_ends_are_shares_of_all_episodes_with_what_lies_in_the_tissue_together():
     reasons = ["separated"] * 4 + ["tear"] * 2 + ["inverted"] + ["numerical"] + ["budget"] * 2
     text = ends([episode(0.0, reason=reason) for reason in reasons])

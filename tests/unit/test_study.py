@@ -54,7 +54,7 @@ def test_all_that_a_shipped_study_names_exists(name):
         ({"rows": [BASE | {"evaluate": [{"scene": "box-48", "mask": "focsu"}]}]}, ["evaluate.0.mask", "'focus'"]),
         ({"rows": [BASE | {"evaluate": []}]}, ["base", "evaluated on nothing"]),
         ({"rows": [BASE, BASE]}, ["base", "name is taken"]),
-        ({"rows": [BASE | {"reach": [{"aim": "a", "scene": "box-48"}]}]}, ["rows.0.reach.0", "give return, success or gap"]),
+        ({"rows": [BASE | {"reach": [{"aim": "a", "scene": "box-48"}]}]}, ["rows.0.reach.0", "give return, success, gap"]),
         ({"rows": [BASE | {"reach": [{"aim": "a", "scene": "box-108", "return": 0.5}]}]}, ["'box-108'", "'test'"]),
         ({"rows": [BASE | {"reach": [{"aim": "a", "scene": "box-48", "gap": 0.5}]}]}, ["'box-48'", "'train'"]),
         ({"rows": [BASE | {"reach": [{"aim": "a", "scene": "box-48", "retrun": 0.5}]}]}, ["retrun", "did you mean 'return'"]),
