@@ -15,6 +15,7 @@ import torch
 from gymnasium import spaces
 from sb3_contrib import MaskablePPO
 
+from agents.averaging import WeightAverage, Weights
 from agents.candidate_policy import CandidatePolicy
 from agents.features import Observed
 from agents.flat import FlatPolicy
@@ -29,6 +30,7 @@ FORMAT = 2
 SCENE_JOINT = " + "
 """What stands between the names of scenes; files may well have a + in their names, but hardly with spaces around it."""
 _PAGE = "gmapspring.json"
+_LEARNT = "learnt.pt"  # not .pth: stable-baselines3 would take it for a part of its own
 _TRANSIENT = ("_last_obs", "_last_episode_starts", "_last_original_obs", "ep_info_buffer", "ep_success_buffer")
 
 
@@ -66,11 +68,14 @@ def observation_columns() -> dict[str, list[str]]:
     return {name: [column.name for column in COLUMNS[name]] for name in Observed._fields if name in COLUMNS}
 
 
-def save_checkpoint(paths: Iterable[pathlib.Path], model: MaskablePPO, page: Page) -> None:
-    """Write a model, its optimizer and its page to one or more files."""
+def save_checkpoint(paths: Iterable[pathlib.Path], model: MaskablePPO, learnt: Weights, page: Page) -> None:
+    """Write a model as it plays, the weights it learns with, its optimizer and its page to one or more files."""
     stream = io.BytesIO()
     model.save(stream, exclude=_TRANSIENT)
+    weights = io.BytesIO()
+    torch.save(learnt, weights)
     with zipfile.ZipFile(stream, "a") as archive:
+        archive.writestr(_LEARNT, weights.getvalue())
         archive.writestr(_PAGE, json.dumps({"format": FORMAT, **page._asdict()}, indent=1))
     for path in paths:
         write_atomically(path, stream.getvalue())
@@ -132,10 +137,12 @@ def _read_network(path: pathlib.Path) -> FlatSettings | NetworkSettings:
     return check_config({"network": read_page(path).network}, _Kept, source=str(path)).network
 
 
-def restore_model(path: pathlib.Path, model: MaskablePPO) -> Page:
-    """Put the weights and the optimizer of a checkpoint into a model made for the same configuration."""
+def restore_model(path: pathlib.Path, model: MaskablePPO, average: WeightAverage) -> Page:
+    """Put the weights, their average and the optimizer of a checkpoint into a model made for the same configuration."""
     page = read_page(path)
     _put(path, "policy.pth", model.policy)
+    average.begin()
+    _put(path, _LEARNT, model.policy)
     _put(path, "policy.optimizer.pth", model.policy.optimizer)
     model.num_timesteps = page.n_steps
     return page

@@ -18,6 +18,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
+from agents.averaging import WeightAverage
 from agents.candidate_policy import CandidatePolicy
 from agents.checkpoint import SCENE_JOINT, Page, observation_columns, restore_model, save_checkpoint, start_from
 from agents.cloning import clone
@@ -112,12 +113,13 @@ class Trainer:
         self.model = make_model(config, self._environments)
         if start and not resume:
             start_from(start, self.model)
+        self._average = WeightAverage(self.model.policy, config.ppo.averaged_updates)
         self.folder.open(config, resume)
         self.model.set_logger(Logger(None, [TensorBoardOutputFormat(str(self.folder.tensorboard))]))
         self._cpu_start, self._best = cpu_start, None
         self._update_cost = self._validation_cost = 0.0
         if resume:
-            page = restore_model(self.folder.last, self.model)
+            page = restore_model(self.folder.last, self.model, self._average)
             self._cpu_start -= page.cpu_seconds
             self._best = page.best_return
             self.folder.forget_progress_after(page.n_steps)
@@ -168,10 +170,12 @@ class Trainer:
 
         try:
             clone(policy, shown, settings, np.random.default_rng(self.config.seed), say)
+            self._average.begin()
             summary = self._validate()
         except KeyboardInterrupt:
             # What is half cloned is no start: a resumed run clones again, from the same weights.
             policy.load_state_dict(start)
+            self._average.begin()
             self._best = None
             raise
         measures = f"validation return {summary.total_return}, success {summary.success.mean:.2f}"
@@ -196,6 +200,7 @@ class Trainer:
         self.model.learn(size, log_interval=NEVER, reset_num_timesteps=False, use_masking=False)
         if not all(bool(torch.isfinite(tensor).all()) for tensor in self.model.policy.parameters()):
             raise TrainingError(f"the weights stopped being finite at step {self.n_steps}; lower ppo.learning_rate")
+        self._average.follow(self._n_updates())
         wall = time.perf_counter() - wall
         self._update_cost = self.cpu_seconds - before
         row = self._measures(wall)
@@ -211,7 +216,8 @@ class Trainer:
         """Play the validation scenes, and keep the policy, as the best where it is."""
         before = self.cpu_seconds
         n_episodes = self.config.validation.episodes
-        summary = summarise([episode for env in self._validation for episode in evaluate(self.model, env, n_episodes)])
+        with self._average.playing():
+            summary = summarise([episode for env in self._validation for episode in evaluate(self.model, env, n_episodes)])
         mean = summary.total_return.mean
         is_best = self._best is None or mean >= self._best
         if is_best:
@@ -233,7 +239,8 @@ class Trainer:
             columns=observation_columns(),
         )
         best = [self.folder.best] if is_best else []
-        save_checkpoint([*paths, *best, self.folder.last], self.model, page)
+        with self._average.playing() as learnt:
+            save_checkpoint([*paths, *best, self.folder.last], self.model, learnt, page)
 
     def _measures(self, wall: float) -> dict[str, Any]:
         """Return what is known after an update."""

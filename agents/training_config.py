@@ -43,6 +43,8 @@ class PPOSettings(Config):
     gamma: UnitShare
     """Discount per step."""
     gae_lambda: UnitShare
+    averaged_updates: PositiveInt = 1
+    """About how many updates the weights of the policy that is validated and saved are averaged over; 1 for no averaging."""
 
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:
