@@ -48,12 +48,15 @@ def aims(results: Results) -> Table:
 
 
 def remarks(results: Results) -> Iterator[str]:
-    """Yield what limits each aim that is not reached, as the study tells it."""
+    """Yield what limits the aims that are not reached, as the study tells it; what is said of several is said once."""
+    missed: dict[str, list[str]] = {}
     for row in results.study.rows:
         for reach in row.reach:
-            missed = [found.quantity for found in found_for(results, row, reach) if found.verdict == "not reached"]
-            if reach.remarks and missed:
-                yield f"**{row.name}, {reach.aim}** ({', '.join(missed)}): {reach.remarks}"
+            quantities = [found.quantity for found in found_for(results, row, reach) if found.verdict == "not reached"]
+            if reach.remarks and quantities:
+                missed.setdefault(reach.remarks, []).append(f"**{row.name}**, {reach.aim} ({', '.join(quantities)})")
+    for text, aims_missed in missed.items():
+        yield f"{'; '.join(aims_missed)}: {text}"
 
 
 def unfinished(results: Results) -> Table:

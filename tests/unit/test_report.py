@@ -109,7 +109,7 @@ def test_remarks_stand_on_the_page_only_where_an_aim_is_missed():
     groups = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("less", [0.5, 0.7], [0.7, 0.9])
     for asked, stands in ((0.9, True), (0.6, False)):
         text = page(results_of(*groups, reach={"return": asked, "remarks": "Too little time."}), [])
-        assert ("**base, to be good** (return): Too little time." in text) == stands
+        assert ("**base**, to be good (return): Too little time." in text) == stands
 
 
 def test_ends_are_shares_of_all_episodes_with_what_lies_in_the_tissue_together():
