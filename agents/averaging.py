@@ -41,8 +41,8 @@ class WeightAverage:
     def playing(self) -> Iterator[Weights]:
         """Let the module have the mean as its weights for as long as the block lasts; yield those that are learnt."""
         learnt = copied(self._module)
-        self._module.load_state_dict(self.weights)
         try:
+            self._module.load_state_dict(self.weights)
             yield learnt
         finally:
             self._module.load_state_dict(learnt)

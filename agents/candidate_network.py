@@ -25,11 +25,8 @@ OFFSET, SIDE_OFFSET = OWN_FEATURES.index("offset x"), SIDE_FEATURES.index("offse
 """Where a cut and a tetrahedron say where they lie."""
 SAID = 8
 """Numbers of each tetrahedron that go into a weighted mean, beside where it lies."""
-STRAINED = (
-    "highest healthy strain", "strain", "volume ratio", "healthy_strain", "target_strain", "lowest_volume_ratio",
-    "healthy_share", "target_share",
-)  # fmt: skip
-"""What tells how strained the body is, among the features and the globals; the shares are of deformed volumes."""
+STRAINED = ("highest healthy strain", "strain", "volume ratio", "healthy_strain", "target_strain", "lowest_volume_ratio")
+"""What tells how strained the body is, among the features and the globals."""
 
 
 class Seen(NamedTuple):

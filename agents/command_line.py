@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from agents.choice import home_of, make_policy, require_torch
-from agents.evaluation import episodes_as_csv, evaluate, summarise
+from agents.evaluation import Policy, episodes_as_csv, evaluate, summarise
 from agents.progress import ProgressReport
 from agents.scripted import POLICIES
 from agents.table import HEADERS, print_table, summary_rows
@@ -87,7 +87,7 @@ def _add_evaluate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     command.add_argument("--scene", help="a shipped scene or a scene file [the policy's own, or box-108]")
     command.add_argument("--split", default="test", help="train, validation or test [test]")
     command.add_argument("--mask", help="all, reachable or focus [the policy's own, or all]")
-    command.add_argument("--episodes", type=_count, help="how many [each scene once]")
+    command.add_argument("--episodes", type=_positive, help="how many [each scene once]")
     command.add_argument("--seed", type=_count, default=0, help="of what is random [0]")
     command.add_argument("--out", type=pathlib.Path, help="write a line per episode to this CSV file")
     command.set_defaults(run=_evaluate)
@@ -137,6 +137,13 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _positive(text: str) -> int:
+    """Return a whole number from 1 up."""
+    if not _count(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 up")
+    return int(text)
+
+
 def _counts(text: str) -> list[int]:
     """Return whole numbers from 0 up, parted by commas."""
     return [_count(part) for part in text.split(",")]
@@ -169,18 +176,26 @@ def _train(parsed: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def _player(name: str, parsed: argparse.Namespace) -> tuple[Policy, ResectEnv]:
+    """Return a policy and the environment that it is to play."""
+    home = home_of(name)
+    env = ResectEnv(parsed.scene or home.scene, parsed.split, parsed.mask or home.mask)
+    return make_policy(name, env, parsed.seed), env
+
+
 def _evaluate(parsed: argparse.Namespace, console: Console) -> int:
     """Play policies on the same scenes, print their table, and write their episodes."""
-    homes = [home_of(name) for name in parsed.policies]
+    if parsed.out and parsed.out.is_dir():
+        raise ConfigError(f"--out {parsed.out} is a folder; give the name of a file")
+    # All are made before the first plays: what is wrong with the last is then known at once.
+    players = [_player(name, parsed) for name in parsed.policies]
     episodes, summaries = [], []
     with ProgressReport(console, "evaluating") as report:
-        for name, home in zip(parsed.policies, homes, strict=True):
-            scene, mask = parsed.scene or home.scene, parsed.mask or home.mask
-            env = ResectEnv(scene, parsed.split, mask)
-            played = evaluate(make_policy(name, env, parsed.seed), env, parsed.episodes, name=name, seed=parsed.seed)
+        for name, (policy, env) in zip(parsed.policies, players, strict=True):
+            played = evaluate(policy, env, parsed.episodes, name=name, seed=parsed.seed)
             episodes += played
             summaries.append(summarise(played))
-            report.update(len(summaries) / len(homes), name)
+            report.update(len(summaries) / len(players), name)
     if parsed.out:
         parsed.out.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(parsed.out, episodes_as_csv(episodes).encode())

@@ -59,12 +59,14 @@ def demonstrate(scene: str | Sequence[Scene], split: str, mask: str) -> Demonstr
             seen = read_candidates(observation).split()
             states += [seen[row] for row in rows]
             actions += chosen[rows].tolist()
-            observation, _, terminated, truncated, _ = envs.step(chosen)
+            observation, _, terminated, truncated, info = envs.step(chosen)
+            has_ended = terminated | truncated
             for row in rows:
+                is_last = place + 1 == len(orders[row])
                 # What a row shows after its end is another scene.
-                if (terminated | truncated)[row] and place + 1 < len(orders[row]):
+                if has_ended[row] != is_last or (is_last and not info["final_info"]["is_success"][row]):
                     raise DemonstrationError(
-                        f"{_name(shown[row])} ends after {place + 1} of the {len(orders[row])} cuts of its certificate: "
+                        f"{_name(shown[row])} is not freed by the {len(orders[row])} cuts of its certificate, or by fewer: "
                         "there is nothing to clone; certify the scenes again"
                     )
     return Demonstrations(states, np.array(actions))

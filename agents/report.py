@@ -19,9 +19,10 @@ from gmapspring.paths import write_atomically
 DOCS = pathlib.Path(__file__).resolve().parents[1] / "docs"
 INTERVALS = (
     "Intervals are 95 % percentile bootstrap intervals in which seeds and scenes are both drawn anew (`agents/statistics.py`): "
-    "they cover other training runs on other scenes. The interquartile mean leaves out the best and the worst quarter of all "
-    "episodes; the plain mean stands beside it, for a mean of the middle half does not see rare failures. Where all episodes "
-    "succeed, or none, the interval is the exact one for as many trials as there are scenes."
+    "they cover other training runs on other scenes, or, of scripts, which have one seed, other scenes alone. The "
+    "interquartile mean leaves out the best and the worst quarter of all episodes; the plain mean stands beside it, since the "
+    "middle half does not see rare failures. Where all episodes succeed, or none, the interval is the exact one for as many "
+    "trials as there are scenes."
 )
 POLICIES = (
     "Learned policies are bold; of each run, the policy with the best validation return plays every test scene once, without "
@@ -83,7 +84,8 @@ def page(results: Results, files: list[str]) -> str:
                   "In the pictures each thin line is a seed.", tables.efficiency(results), curves),
         *_section("Ablations", "Mean of the row less mean of the row that it ablates, on the same test scenes.",
                   tables.ablations(results)),
-        *_section("Failures", "The worst seed of each row, and which scenes are hard for most.", tables.worst_seeds(results)),
+        *_section("Failures", "The worst seed of each row, and on which scenes how many seeds fail.",
+                  tables.worst_seeds(results)),
     ]  # fmt: skip
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
 

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agents.choice import SEARCH
 from agents.report_tables import row_family, test_groups, test_scenes
 from agents.results import Array, Curve, Results
 from agents.study_config import Row
@@ -74,7 +75,7 @@ def _draw_thinking(panel: Axes, results: Results, scene: str) -> None:
     for group in test_groups(results, scene):
         simulated, success = float(group.values("n_simulated").mean()), float(group.values("is_success").mean())
         if simulated:
-            families.setdefault(group.name.split(":")[0], []).append((simulated, success))
+            families.setdefault(SEARCH if group.name.startswith(f"{SEARCH}:") else group.name, []).append((simulated, success))
         elif group.is_learned:
             label, colour = f"{group.name}, without", f"C{len(panel.lines)}"
             panel.axhline(success, linestyle="--", linewidth=1.2, color=colour, label=label)

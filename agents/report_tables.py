@@ -173,7 +173,7 @@ def ablations(results: Results) -> Table:
 
 
 def worst_seeds(results: Results) -> Table:
-    """Return the worst seed of each row and scene, what ended its episodes, and the scenes that most seeds fail on."""
+    """Return the worst seed of each row and scene, what ended its episodes, and the scenes that are hardest for all seeds."""
     rows = []
     for group in (group for group in results.groups if group.is_learned and group.split == "test"):
         returns, success = group.values("total_return"), group.values("is_success")
@@ -182,7 +182,7 @@ def worst_seeds(results: Results) -> Table:
         rows.append((group.name, group.scene, str(seed), number(returns[worst].mean()), number(returns.mean()),
                      number(success[worst].mean()), ends(episodes), _hard_scenes(success, episodes)))  # fmt: skip
     headers = ("row", "scene", "worst seed", "its mean return", "that of all seeds", "its success", "its other ends",
-               "test scenes that most seeds fail on")  # fmt: skip
+               "hardest test scenes")  # fmt: skip
     return Table(headers, rows)
 
 

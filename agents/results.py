@@ -175,7 +175,13 @@ def means_by_seed(group: Group | None, field: str) -> dict[int, float]:
 
 
 def above_scripts(results: Results, test: Group | None, scene: str) -> dict[int, float]:
-    """Return success less that of the best scripted policy that neither simulates ahead nor knows the answer, for each seed."""
+    """Return success less that of the best scripted policy that neither simulates ahead nor knows the answer, for each seed.
+
+    Nothing as long as a scripted policy has yet to play: it might be the best.
+    """
+    scripts = [(job.played.scene, outcome) for job, outcome, _ in results.states if job.played and job.seed is None]
+    if any(played == scene and outcome != DONE for played, outcome in scripts):
+        return {}
     blind = [
         float(group.values("is_success").mean())
         for group in results.groups

@@ -30,7 +30,7 @@ class RunFolderError(GmapspringError, ValueError):
 
 
 class RunFolder:
-    """Read and write the files of one run; every file is replaced in one go."""
+    """Read and write the files of one run; every file but progress.csv, which grows, is replaced in one go."""
 
     def __init__(self, path: pathlib.Path) -> None:
         """Name the folder; nothing is touched yet."""

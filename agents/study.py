@@ -177,7 +177,7 @@ class Work:
             if not (job.place / "last.zip").exists():
                 shutil.rmtree(job.place, ignore_errors=True)
             elif before and before.inputs["files"] != inputs["files"]:
-                self._fail(job, f"it was started from another policy than is there now; delete {job.place} to train again")
+                self._fail(job, f"what it is made from has changed since it began; delete {job.place} to train again")
                 return
             else:
                 arguments.append("--resume")

@@ -5,7 +5,8 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, NonNegativeInt, field_validator, model_validator
 
-from agents.choice import home_of
+from agents.choice import home_of, is_saved
+from agents.training_config import TrainingConfig
 from envs.actions import MASKS
 from envs.library import load_scenes
 from envs.scene_config import SplitName
@@ -29,11 +30,22 @@ def _known_training(name: str) -> str:
     if not config_file("train", name).is_file():
         known = [path.stem for path in (configs_folder() / "train").glob("*.yaml")]
         raise ValueError(f"there is no training configuration {name!r}; {closest(name, known)}")
+    try:
+        load_training(name)
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
     return name
+
+
+def load_training(name: str) -> TrainingConfig:
+    """Return a training configuration by its name or file."""
+    return load_config(config_file("train", name), TrainingConfig)
 
 
 def _known_policy(name: str) -> str:
     """Return the name of a scripted policy, or raise."""
+    if is_saved(name):
+        raise ValueError(f"{name!r} is no scripted policy; a learned one is evaluated by the row that trains it")
     try:
         home_of(name)
     except ConfigError as error:

@@ -16,13 +16,13 @@ fits, so that a policy that was trained further is evaluated anew, and nothing i
 import hashlib
 import json
 import pathlib
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from agents.choice import SHIELD
-from agents.study_config import SCRIPTS, Evaluation, PlayedScenes, Row, Scripts, StudyConfig
+from agents.study_config import SCRIPTS, Evaluation, PlayedScenes, Row, Scripts, StudyConfig, load_training
 from envs.library import certificate_path, load_scene_config, load_scenes
-from gmapspring.config import read_yaml
-from gmapspring.paths import config_file, write_atomically
+from gmapspring.paths import write_atomically
 
 STUDY_FILE = "study.yaml"
 DONE, FAILED, UNFINISHED, OUTDATED, MISSING = "done", "failed", "unfinished", "outdated", "missing"
@@ -103,16 +103,27 @@ def jobs_of(study: StudyConfig, folder: pathlib.Path) -> list[Job]:
 def _training(row: Row, seed: int, folder: pathlib.Path) -> Job:
     """Return the training of a row with a seed."""
     place = folder / row.name / f"seed-{seed}"
-    config = read_yaml(config_file("train", row.train))
+    config = load_training(row.train)
     arguments = ["train", row.train, "--seed", str(seed), "--out", str(place)]
     start = folder / row.start_from / f"seed-{seed}" if row.start_from else None
     if start:
         arguments += ["--start-from", str(start / "best.zip")]
-    seconds = (config.get("stop") or {}).get("cpu_seconds") or USUAL_SECONDS
-    return Job(
-        row.name, seed, None, tuple(arguments), place / "best.zip", place, {"config": config},
-        (start / "best.zip",) if start else (), f"{row.start_from}/seed-{seed}" if start else None, seconds,
-    )  # fmt: skip
+    facts = {"config": config.model_dump(mode="json"), "scenes": [_facts_of(scene) for scene in config.scenes]}
+    files = (*_files_of(config.scenes), *((start / "best.zip",) if start else ()))
+    needs, seconds = f"{row.start_from}/seed-{seed}" if start else None, config.stop.cpu_seconds or USUAL_SECONDS
+    return Job(row.name, seed, None, tuple(arguments), place / "best.zip", place, facts, files, needs, seconds)
+
+
+def _facts_of(scene: str) -> dict[str, Any]:
+    """Return what a result depends on of a scene's configuration; where its files lie does not matter."""
+    return load_scene_config(scene).model_dump(mode="json", exclude={"splits": True, "mesh": {"path"}}, exclude_unset=True)
+
+
+def _files_of(scenes: Sequence[str]) -> tuple[pathlib.Path, ...]:
+    """Return the files that scenes are made of beside their configurations."""
+    configs = [load_scene_config(scene) for scene in scenes]
+    meshes = [pathlib.Path(path) for config in configs if (path := getattr(config.mesh, "path", None))]
+    return (*map(certificate_path, scenes), *meshes)
 
 
 def _judging(training: Job, played: Evaluation) -> Job:
@@ -133,11 +144,11 @@ def _evaluation(row: str, policy: str, training: Job | None, played: Evaluation 
         "split": played.split,
         "mask": played.mask,
         "episodes": n_episodes,
-        "config": load_scene_config(played.scene).model_dump(mode="json", exclude={"splits"}, exclude_unset=True),
+        "config": _facts_of(played.scene),
     }
     arguments = ["evaluate", policy, "--scene", played.scene, "--split", played.split, "--episodes", str(n_episodes)]
     arguments += ["--out", str(csv), *(["--mask", played.mask] if played.mask else [])]
-    files = (certificate_path(played.scene), *((training.output,) if training else ()))
+    files = (*_files_of([played.scene]), *((training.output,) if training else ()))
     needs, seed = (training.name, training.seed) if training else (None, None)
     return Job(row, seed, played, tuple(arguments), csv, csv.with_suffix(""), facts, files, needs)
 

@@ -1,7 +1,7 @@
 """Training a policy by PPO: update, validate, keep the best; stop on time, and lose nothing when stopped.
 
 A run is a row of segments, each of the updates between two validations. A segment begins with fresh episodes and with
-generators seeded by the run's seed and the step reached, so that a run resumed at a checkpoint goes on bit for bit as
+generators seeded by the run's seed and the step reached, so that a run resumed at one of them goes on bit for bit as
 the one that was never stopped.
 """
 
@@ -137,6 +137,8 @@ class Trainer:
     def run(self, report: ProgressReport) -> TrainingResult:
         """Train until the rule for stopping, or a signal, says so."""
         report.begin_at(self._fraction())
+        if self._is_over() and not self.n_steps:
+            raise TrainingError("the rule for stopping leaves no time for a single update; raise stop in the configuration")
         with Interruption() as interruption:
             try:
                 self._warm_up(report, interruption)
@@ -144,7 +146,9 @@ class Trainer:
                 while not self._is_over() and interruption.signal is None:
                     self._update(report)
             except KeyboardInterrupt:
-                pass
+                # Half an update is worth less than the last checkpoint.
+                if self.folder.last.exists():
+                    return TrainingResult(self.n_steps, self.cpu_seconds, self._best, interruption.signal)
             self._save(is_best=self._best is None)
         return TrainingResult(self.n_steps, self.cpu_seconds, self._best, interruption.signal)
 
@@ -178,8 +182,15 @@ class Trainer:
             self._average.begin()
             self._best = None
             raise
+        self._note_cloning(summary)
         measures = f"validation return {summary.total_return}, success {summary.success.mean:.2f}"
         report.note(f"cloned in {self.cpu_seconds:.0f} CPU seconds: {measures}")
+
+    def _note_cloning(self, summary: Summary) -> None:
+        """Write a line of progress.csv for the policy that was cloned and has not played yet."""
+        unknown = ("steps_per_second", "return", "success", "episode_steps", *LOGGED)
+        row = {"steps": self.n_steps, "cpu_seconds": round(self.cpu_seconds, 3)} | dict.fromkeys(unknown, "")
+        self.folder.write_progress(row | _validation_cells(summary))
 
     def _begin_segment(self) -> None:
         """Start fresh episodes and generators, as a function of the run's seed and the step reached."""
@@ -217,7 +228,10 @@ class Trainer:
         before = self.cpu_seconds
         n_episodes = self.config.validation.episodes
         with self._average.playing():
-            summary = summarise([episode for env in self._validation for episode in evaluate(self.model, env, n_episodes)])
+            # To play a scene again would find nothing new.
+            counts = [min(n_episodes, len(env.scenes)) for env in self._validation]
+            played = [evaluate(self.model, env, count) for env, count in zip(self._validation, counts, strict=True)]
+            summary = summarise([episode for episodes in played for episode in episodes])
         mean = summary.total_return.mean
         is_best = self._best is None or mean >= self._best
         if is_best:
@@ -258,11 +272,7 @@ class Trainer:
 
     def _log(self, row: dict[str, Any], summary: Summary | None) -> None:
         """Write a line of progress.csv and a point of every curve."""
-        validation = {
-            "validation_return": summary.total_return.mean if summary else "",
-            "validation_success": summary.success.mean if summary else "",
-        }
-        self.folder.write_progress(row | validation)
+        self.folder.write_progress(row | _validation_cells(summary))
         logger = self.model.logger
         for name in ("cpu_seconds", "steps_per_second", "return", "success", "episode_steps"):
             logger.record(f"run/{name}", row[name])
@@ -288,6 +298,14 @@ class Trainer:
             return True
         cost = 1.1 * self._update_cost + self._validation_cost
         return stop.cpu_seconds is not None and self.cpu_seconds + cost > stop.cpu_seconds
+
+
+def _validation_cells(summary: Summary | None) -> dict[str, Any]:
+    """Return the last columns of a line of progress.csv, empty without a validation."""
+    return {
+        "validation_return": summary.total_return.mean if summary else "",
+        "validation_success": summary.success.mean if summary else "",
+    }
 
 
 def _text(row: dict[str, Any]) -> str:

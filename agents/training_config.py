@@ -116,7 +116,8 @@ class StopRule(Config):
     steps: PositiveInt | None = None
     """Steps of all environments together."""
     cpu_seconds: PositiveFloat | None = None
-    """CPU time of the process, imports and validation included [s]; no update starts that would overrun it."""
+    """CPU time of the process, imports and validation included [s]; no update starts that would overrun it,
+    as far as the last update and the last validation tell."""
 
     @model_validator(mode="after")
     def _names_a_limit(self) -> Self:

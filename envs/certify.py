@@ -133,6 +133,8 @@ def report_seed(scene: str, seed: int, console: Console) -> None:
         record = Record("", seed, None, str(rejection))
     for line in describe(config, record):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if record.certificate and removes_target(build_scene(config, seed), record.certificate):
+        console.print("a level leaves such a seed out: nothing is cheaper than to remove all of the target", highlight=False)
 
 
 def wanted_seeds(config: SceneConfig, records: dict[tuple[str, int], Record]) -> Iterator[tuple[str, int]]:
@@ -236,7 +238,9 @@ def run(scene: str, n_jobs: int, restart: bool, console: Console) -> bool:
     except KeyboardInterrupt:
         console.print("Interrupted: what is done is kept; run the same command to go on.")
     finally:
-        save_records(scene, config, records)
+        # A restart that found nothing yet leaves the old file as it is.
+        if records:
+            save_records(scene, config, records)
     report(scene, config, chosen(config, records), console)
     return finished
 

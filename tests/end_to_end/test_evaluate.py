@@ -65,6 +65,7 @@ def test_the_same_seed_gives_the_same_episodes(tmp_path, capsys):
         (["evaluate", "random", "--split", "tset"], ["tset", "did you mean 'test'"]),
         (["evaluate", "random", "--mask", "focsu"], ["focsu", "did you mean 'focus'"]),
         (["evaluate", "random", "--scene", "box-48", "--episodes", 1, "--out", "/dev/null/x.csv"], ["/dev/null"]),
+        (["evaluate", "random", "--out", "."], ["--out .", "is a folder"]),
     ],
     ids=lambda part: " ".join(map(str, part)),
 )
@@ -83,7 +84,15 @@ def test_an_error_has_a_traceback_only_where_it_is_asked_for():
 
 
 @pytest.mark.parametrize(
-    "arguments", [["evaluate", "random", "--episodes", "-1"], ["evaluate"], ["dance"], ["train"], []]
+    "arguments",
+    [
+        ["evaluate", "random", "--episodes", "-1"],
+        ["evaluate", "random", "--episodes", "0"],
+        ["evaluate"],
+        ["dance"],
+        ["train"],
+        [],
+    ],
 )
 def test_wrong_arguments_exit_with_code_2(arguments):
     with pytest.raises(SystemExit) as stopped:

@@ -18,7 +18,7 @@ from agents.checkpoint import CheckpointError, load_policy, read_page  # noqa: E
 from agents.command_line import main  # noqa: E402
 from agents.progress import ProgressReport  # noqa: E402
 from agents.run_folder import RunFolderError  # noqa: E402
-from agents.training import Trainer  # noqa: E402
+from agents.training import Trainer, TrainingError  # noqa: E402
 from agents.training_config import TrainingConfig  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
 from gmapspring.config import check_config, load_config  # noqa: E402
@@ -130,10 +130,26 @@ def test_ctrl_c_ends_the_command_with_code_130_and_one_line(tmp_path, monkeypatc
     assert error.count("\n") == 1 and "--resume" in error
 
 
-def test_no_update_starts_that_would_overrun_the_time(tmp_path):
-    start = time.process_time()
-    trainer = Trainer(small_config(stop={"cpu_seconds": 1e-3}), tmp_path / "run", cpu_start=start)
-    assert trainer.run(Quiet()).n_steps == 0
+@pytest.mark.parametrize("stop", [{"cpu_seconds": 1e-3}, {"steps": UPDATE - 1}])
+def test_a_run_without_room_for_an_update_says_so_in_one_line(stop, tmp_path):
+    trainer = Trainer(small_config(stop=stop), tmp_path / "run", cpu_start=time.process_time())
+    with pytest.raises(TrainingError, match="no time for a single update; raise stop") as caught:
+        trainer.run(Quiet())
+    assert "\n" not in str(caught.value) and not (tmp_path / "run" / "best.zip").exists()
+
+
+def test_a_second_request_to_stop_leaves_the_last_checkpoint_as_it_is(tmp_path, monkeypatch):
+    trainer, _ = trained(tmp_path / "run", 2)
+    saved = (tmp_path / "run" / "last.zip").read_bytes()
+    again = Trainer(small_config(), tmp_path / "run", resume=True)
+
+    def cut_short(*arguments, **values):
+        again.model.num_timesteps += UPDATE // 2
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(again.model, "learn", cut_short)
+    again.run(Quiet())
+    assert (tmp_path / "run" / "last.zip").read_bytes() == saved
 
 
 # Mistakes ---------------------------------------------------------------------------------------------------------

@@ -1,7 +1,9 @@
 """Cloning: what certificates show is learnt before play begins, once, and from the same start after any interruption."""
 
+import csv
 import os
 import signal
+import time
 from collections import Counter
 
 import numpy as np
@@ -83,12 +85,14 @@ def test_a_certificate_that_the_mask_forbids_is_not_shown(scenes):
         demonstrate(other, "train", "focus")
 
 
-def test_a_certificate_that_goes_on_after_the_end_is_not_shown(scenes):
+def test_a_certificate_with_more_or_fewer_cuts_than_it_takes_is_not_shown(scenes):
     order = scenes[0].certificate.order
     loose = set(np.flatnonzero(ResectEnv(scenes[0]).reset(seed=0)[0]["action_mask"]).tolist()) - set(order)
     longer = with_certificate(scenes[0], fake_certificate(scenes[0].certificate.optimum, (*order, min(loose))))
-    with pytest.raises(DemonstrationError, match=f"ends after {len(order)} of the {len(order) + 1} cuts"):
-        demonstrate([scenes[1], longer], "train", "all")
+    shorter = with_certificate(scenes[0], fake_certificate(scenes[0].certificate.optimum, order[:-1]))
+    for other, n_cuts in ((longer, len(order) + 1), (shorter, len(order) - 1)):
+        with pytest.raises(DemonstrationError, match=f"is not freed by the {n_cuts} cuts of its certificate, or by fewer"):
+            demonstrate([scenes[1], other], "train", "all")
 
 
 @pytest.mark.parametrize("certificate", [None, fake_certificate(1.0)])
@@ -232,6 +236,10 @@ def test_certificates_are_cloned_before_the_first_update_and_never_after(warm, f
     assert (first.n_steps, result.n_steps) == (UPDATE, 2 * UPDATE)
     assert not [text for text in texts if text.startswith("clon")]
     assert is_as_good(resumed, warm[0])
+    with (tmp_path / "run" / "progress.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["steps"] for row in rows] == ["0", str(UPDATE), str(2 * UPDATE)]
+    assert all(row["validation_return"] for row in rows) and not rows[0]["return"]
 
 
 def test_a_run_that_was_stopped_while_cloning_clones_again_from_the_same_start(warm, few, tmp_path):
@@ -256,9 +264,10 @@ def test_a_run_that_was_stopped_after_cloning_goes_on_bit_for_bit(warm, few, tmp
 
 
 def test_time_that_is_over_before_cloning_is_told_in_one_line(few, tmp_path):
-    config = small_config(scene=few, warm_start=WARM, stop={"cpu_seconds": 1e-3})
+    trainer = Trainer(small_config(scene=few, warm_start=WARM, stop={"cpu_seconds": 0.05}), tmp_path / "run")
+    trainer._cpu_start = time.process_time()
     with pytest.raises(TrainingError, match="lower warm_start.epochs") as caught:
-        Trainer(config, tmp_path / "run").run(Quiet())
+        trainer.run(Quiet())
     assert "\n" not in str(caught.value)
 
 

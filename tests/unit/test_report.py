@@ -1,5 +1,7 @@
 """The figures of a study's page, from episodes made by hand: each is told as it is, and gaps in them too."""
 
+import pathlib
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from agents.report_plots import median_curve, pictures
 from agents.report_tables import ablations, aims, efficiency, ends, gaps, policies, thinking, worst_seeds
 from agents.results import Curve, Group, Results, found_for, read_episodes
 from agents.study_config import StudyConfig
+from agents.study_jobs import MISSING, jobs_of
 from gmapspring.config import check_config
 
 EVALUATE = [{"scene": "box-48"}, {"scene": "box-48", "split": "train"}]
@@ -101,6 +104,17 @@ def test_a_policy_is_held_against_scripts_that_neither_simulate_nor_know_the_ans
         (found,) = found_for(results, row, row.reach[0])
         assert list(found.by_seed.values()) == pytest.approx([1 / 3, -1 / 3])
         assert found.verdict == verdict
+    plain = {"name": "base", "train": "box-108", "evaluate": EVALUATE}
+    scripted = {
+        "name": "s",
+        "title": "S",
+        "seeds": [0],
+        "rows": [plain],
+        "scripts": [{"scene": "box-48", "policies": ["random"]}],
+    }
+    job = jobs_of(check_config(scripted, StudyConfig), pathlib.Path("nowhere"))[-1]
+    waiting = results._replace(states=[(job, MISSING, "")])
+    assert found_for(waiting, row, row.reach[0])[0].verdict == "not measured", "the script that has yet to play may be the best"
     lonely = results_of(ours, scripts[0], scripts[1], reach={"is_above_scripts": True})
     assert found_for(lonely, lonely.study.rows[0], lonely.study.rows[0].reach[0])[0].verdict == "not measured"
 

@@ -20,7 +20,7 @@ from agents.progress import ProgressReport  # noqa: E402
 from agents.study import Choice, StudyError, Work, run_study  # noqa: E402
 from agents.study_config import StudyConfig, load_study  # noqa: E402
 from agents.study_jobs import DONE, FAILED, MISSING, OUTDATED, UNFINISHED, Job, jobs_of, state_of  # noqa: E402
-from envs.library import load_scenes  # noqa: E402
+from envs.library import certificate_path, load_scenes  # noqa: E402
 from envs.scene_config import SPLITS  # noqa: E402
 from gmapspring.config import check_config  # noqa: E402
 from gmapspring.errors import ConfigError  # noqa: E402
@@ -64,6 +64,7 @@ def test_all_that_a_shipped_study_names_exists(name):
         ({"rows": [BASE, BASE | {"name": "on", "start_from": "base", "seeds": [0, 7]}]}, ["on", "lacks", "[7]"]),
         ({"seeds": [0, 0]}, ["seeds", "twice"]),
         ({"scripts": [{"scene": "box-48", "policies": ["lookahaed"]}]}, ["scripts.0.policies.0", "'lookahead'"]),
+        ({"scripts": [{"scene": "box-48", "policies": ["old.zip"]}]}, ["scripts.0.policies.0", "no scripted policy"]),
         ({"scripts": [{"scene": "box-48", "policies": ["random", "random"]}]}, ["plays the same scenes twice"]),
     ],
     ids=lambda part: "",
@@ -72,6 +73,19 @@ def test_mistakes_in_a_study_are_named(changes, words):
     with pytest.raises(ConfigError) as caught:
         check_config(SMALL | changes, StudyConfig)
     assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_a_training_file_that_cannot_be_read_is_a_mistake_of_the_study(tmp_path):
+    (tmp_path / "empty.yaml").write_text("")
+    with pytest.raises(ConfigError, match=r"rows\.1\.train"):
+        study_of(BASE | {"name": "more", "train": str(tmp_path / "empty.yaml")})
+
+
+def test_where_the_files_of_a_scene_lie_does_not_matter(tmp_path):
+    study = check_config(SMALL | {"rows": [BASE | {"evaluate": [{"scene": "liver"}]}]}, StudyConfig)
+    (job,) = [job for job in jobs_of(study, tmp_path) if job.played and job.seed == 0]
+    assert "path" not in job.facts["config"]["mesh"]
+    assert [path.name for path in job.files[:2]] == ["liver.jsonl", "liver.vtu"]
 
 
 def test_all_mistakes_of_a_study_are_listed_at_once():
@@ -104,7 +118,8 @@ def test_jobs_come_in_the_order_of_the_file_and_know_what_they_need(tmp_path):
     training, judging = jobs["on/seed-1"], jobs["on/seed-1/box-48-test"]
     best = tmp_path / "base" / "seed-1" / "best.zip"
     assert training.arguments[-2:] == ("--start-from", str(best))
-    assert training.files == (best,) and training.needs == "base/seed-1"
+    assert training.files == (certificate_path("box-108"), best) and training.needs == "base/seed-1"
+    assert training.facts["config"]["network"]["hidden"] and training.facts["scenes"][0]["kappa"]
     assert judging.needs == "on/seed-1" and judging.arguments[1] == str(training.output)
     assert judging.arguments[-2:] == ("--mask", "focus")
 
@@ -283,7 +298,7 @@ def test_a_training_whose_start_has_changed_is_not_gone_on_with(tmp_path):
     (place / "last.zip").write_text("learnt from one")
     start.write_text("two")
     failed, _ = do(tmp_path, job)
-    assert "started from another policy" in failed["on/seed-0"]
+    assert "has changed since it began" in failed["on/seed-0"]
     assert (place / "last.zip").read_text() == "learnt from one"
 
 
