@@ -60,9 +60,13 @@ def remarks(results: Results) -> Iterator[str]:
 
 
 def unfinished(results: Results) -> Table:
-    """Return every job that is not done."""
-    rows = [(job.name, outcome, message.replace("|", "/")) for job, outcome, message in results.states if outcome != DONE]
-    return Table(("job", "state", ""), rows)
+    """Return the jobs that are not done, those of a row that stand alike in one line."""
+    jobs: dict[tuple[str, str, str], list[str]] = {}
+    for job, outcome, message in results.states:
+        if outcome != DONE:
+            jobs.setdefault((job.row, outcome, message.replace("|", "/")), []).append(job.name)
+    rows = [(row, outcome, str(len(names)), message) for (row, outcome, message), names in jobs.items()]
+    return Table(("row", "state", "jobs", ""), rows)
 
 
 def policies(results: Results, scene: str) -> Table:
