@@ -68,7 +68,7 @@ def interrupted(tmp_path_factory):
     """Return the folder of a study that was interrupted while its first two runs were at work; one of the two cannot work."""
     folder = tmp_path_factory.mktemp("study")
     endless = write_yaml(folder / "endless.yaml", SMALL | {"stop": {"steps": 10**9}})
-    wrong = write_yaml(folder / "wrong.yaml", SMALL | {"mask": "focsu"})
+    wrong = write_yaml(folder / "wrong.yaml", SMALL | {"stop": {"steps": 1}})
     few = few_scenes(folder)
     aims = [{"aim": "whatever it does", "scene": few, "return": -9.0, "success": UNREACHABLE, "in_every_seed": True}]
     write_yaml(folder / "tiny.yaml", {
@@ -109,7 +109,7 @@ def test_what_was_interrupted_is_kept_and_told_to_be_unfinished(finished):
         "scripts/certificate/few-test": MISSING,
     }  # fmt: skip
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("|")]
-    assert ["base/seed-0", UNFINISHED, ""] in cells
+    assert ["base", UNFINISHED, "1", ""] in cells and ["less", MISSING, "2", ""] in cells
     assert [row[-1] for row in cells if row[0] == "base" and row[1] == "whatever it does"] == ["**not measured**"] * 2
 
 
@@ -128,8 +128,8 @@ def test_a_failed_run_is_told_and_the_others_go_on(finished):
     others = [outcome for name, outcome in stood.items() if not name.startswith("less")]
     assert others == [DONE] * 3
     page = write_report(folder / "out").read_text()
-    line = next(line for line in page.splitlines() if line.startswith("| less/seed-0 "))
-    assert "failed" in line and "did you mean 'focus'" in line
+    line = next(line for line in page.splitlines() if line.startswith("| less ") and f" {FAILED} " in line)
+    assert "no time for a single update" in line
 
 
 def test_the_page_says_what_the_episodes_say(finished):
