@@ -361,9 +361,15 @@ def test_a_run_on_several_scenes_learns_from_all_and_is_validated_on_all(tmp_pat
         asked.append((scene, split))
         return demonstrate([small_scene(2, load=0.02)], split, mask)
 
+    def interrupt(report):
+        raise KeyboardInterrupt
+
     monkeypatch.setattr("agents.training.demonstrate", demonstrate_one)
-    config = check_config(SETTINGS | {"warm_start": {"epochs": 1}, "stop": {"steps": 1}}, TrainingConfig)
+    n_steps = SETTINGS["ppo"]["n_envs"] * SETTINGS["ppo"]["n_steps"]
+    config = check_config(SETTINGS | {"warm_start": {"epochs": 1}, "stop": {"steps": n_steps}}, TrainingConfig)
     trainer = Trainer(config, tmp_path / "run")
+    # Cloned, and stopped before the first update: what is saved is what was validated.
+    monkeypatch.setattr(trainer, "_update", interrupt)
     trainer.run(ProgressReport(Console(quiet=True), "test"))
     assert asked == [(scene, "train") for scene in SETTINGS["scene"]]
     assert home_of(str(tmp_path / "run" / "best.zip")).scene == SETTINGS["scene"][0]
