@@ -1,6 +1,6 @@
-"""The policy that plays: a moving mean of the weights that are learnt, which fails less often than any of them alone.
+"""The policy that plays: a moving mean of the weights that are learnt, which evens out the noise of single updates.
 
-(Polyak and Juditsky, 1992: averaging evens out the noise of single gradient steps.)
+(Polyak and Juditsky, 1992.)
 """
 
 from collections.abc import Iterator

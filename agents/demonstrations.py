@@ -37,7 +37,8 @@ def demonstrate(scene: str | Sequence[Scene], split: str, mask: str) -> Demonstr
     """Play the certificate of every scene of a split once.
 
     Raises:
-        DemonstrationError: a certificate is missing, makes a cut that the mask forbids, or goes on after the episode's end.
+        DemonstrationError: a certificate is missing, makes a cut that the mask forbids, or does not free the
+            target with just its last cut.
     """
     envs = ResectVectorEnv(N_ROWS, scene, split, mask, autoreset_mode=AutoresetMode.SAME_STEP)
     envs.reset(seed=0)
