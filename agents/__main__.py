@@ -1,4 +1,4 @@
-"""The command line: python -m agents train | evaluate | demo | study | report."""
+"""`python -m agents`, which is `gmapspring` where that is not on the path."""
 
 import sys
 

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 
@@ -255,27 +255,42 @@ def report(scene: str, config: SceneConfig, records: Sequence[Record], console: 
     console.print(f"wrote {library.certificate_path(scene)}")
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command line."""
+    parser.add_argument("scene", help="name of a shipped scene, or path of a scene file")
+    parser.add_argument("--jobs", type=_at_least(1), default=os.cpu_count() or 1, help="processes [one per core]")
+    parser.add_argument("--restart", action="store_true", help="forget what an earlier run found")
+    parser.add_argument("--seed", type=_at_least(0), help="examine this one seed alone, print what is found, and write nothing")
+
+
+def _at_least(least: int) -> Callable[[str], int]:
+    """Return the kind of an argument that is a whole number, none below the least."""
+
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
+        return int(text)
+
+    return parse
+
+
+def carry_out(options: argparse.Namespace, console: Console) -> int:
+    """Do what the arguments ask for and return the exit status."""
+    if options.seed is None:
+        return 0 if run(options.scene, options.jobs, options.restart, console) else 130
+    report_seed(options.scene, options.seed, console)
+    return 0
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="python -m envs.certify", description=__doc__.split("\n\n")[0])
-    parser.add_argument("scene", help="name of a shipped scene, or path of a scene file")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
-    parser.add_argument("--restart", action="store_true", help="forget what an earlier run found")
-    parser.add_argument("--seed", type=int, help="examine this one seed alone, print what is found, and write nothing")
-    options = parser.parse_args(arguments)
-    if options.jobs < 1:
-        parser.error(f"--jobs is {options.jobs}; give at least 1")
-    if options.seed is not None and options.seed < 0:
-        parser.error(f"--seed is {options.seed}; give 0 or more")
+    add_arguments(parser)
     try:
-        if options.seed is not None:
-            report_seed(options.scene, options.seed, Console())
-            return 0
-        finished = run(options.scene, options.jobs, options.restart, Console())
+        return carry_out(parser.parse_args(arguments), Console())
     except GmapspringError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    return 0 if finished else 130
 
 
 if __name__ == "__main__":

@@ -100,14 +100,6 @@ def test_wrong_arguments_exit_with_code_2(arguments):
     assert stopped.value.code == 2
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"], ["evaluate", "--help"], ["demo", "--help"]])
-def test_help_shows_an_example_that_can_be_run(arguments, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main(arguments)
-    assert stopped.value.code == 0
-    assert "python -m agents " in capsys.readouterr().out.split("example", 1)[1]
-
-
 def test_scripted_policies_are_evaluated_without_torch():
     block = "import sys; sys.modules.update(dict.fromkeys(('torch', 'stable_baselines3', 'sb3_contrib')))"
     scripted = "main('evaluate min-cut-index --scene box-48 --episodes 1'.split())"

@@ -3,8 +3,11 @@
 import ast
 import pathlib
 import re
+import shlex
 import subprocess
 import sys
+
+from agents.command_line import _parser
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
@@ -29,6 +32,8 @@ def test_the_commands_exist_and_the_links_lead_somewhere():
     makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"make ([a-z-]+)", README):
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+    for command in re.findall(r"^    gmapspring ([^\n]*)$", README, flags=re.MULTILINE):
+        _parser().parse_args(shlex.split(command))
     for link in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (REPOSITORY / link).exists(), link
 
