@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow bench accuracy stability lint clean
+.PHONY: demo test test-slow bench accuracy stability docs-pictures lint clean
 
 ## demo: cut the liver, train the baseline for three minutes, compare it with the scripts; results in runs/demo/
 demo: $(VENV)/.installed
@@ -28,6 +28,10 @@ accuracy: $(VENV)/.installed
 ## stability: put every scheme through the hard cases of docs/stability.md; takes five minutes
 stability: $(VENV)/.installed
 	$(BIN)/python -m tests.stability
+
+## docs-pictures: make the pictures of README and docs/ that show bodies and the map
+docs-pictures: $(VENV)/.installed
+	$(BIN)/python -m agents.pictures
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -11,6 +11,7 @@ from envs.actions import MASKS
 from envs.arrays import N_STEPS
 from envs.collapse import SEPARATED
 from envs.costs import NOTHING
+from envs.frames import Frames
 from envs.library import play_list
 from envs.observation import Observer, observation_space, one_of
 from envs.observation_kernel import observe
@@ -19,12 +20,13 @@ from envs.scene import Scene
 from envs.selection import select
 from envs.stage import BUDGET, Stage, StageCache, build_stage, step_limit
 from envs.task import Resection
+from envs.window import Window
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
-from gmapspring.render import render_body
 from gmapspring.simulation import ONE_ROW
 
 Array = np.ndarray[Any, Any]
+
 
 class ResectEnv(gym.Env[dict[str, Any], Any]):
     """Cut faces and remove tetrahedra until nothing joins the target to an anchor.
@@ -39,7 +41,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
     `scene_seed` or `scene`, and change it by `load_factor`, `load`, `target`, `young_modulus`, `mesh` or `kappa`.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}
 
     def __init__(
         self,
@@ -48,6 +50,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         mask: str = "all",
         reward: Mapping[str, float] | None = None,
         render_mode: str | None = None,
+        render_style: str = "tissue",
     ) -> None:
         """Check everything and find the scenes; bodies are built when they are first played.
 
@@ -56,13 +59,16 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             split: which of the scene's seeds to play: train, validation or test.
             mask: what counts as legal, a name of `envs.actions.MASKS`.
             reward: weights of reward terms that differ from their defaults.
-            render_mode: None or "rgb_array".
+            render_mode: None, "rgb_array" for frames by `render()`, or "human" for a window, where there is a display.
+            render_style: "tissue" or "strain", a heat map; see `envs.frames.STYLES`.
         """
         if mask not in MASKS:
             raise ConfigError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ConfigError(f"there is no render mode {render_mode!r}; give None or 'rgb_array'")
+            raise ConfigError(f"there is no render mode {render_mode!r}; give None, 'rgb_array' or 'human'")
         self.mask_mode, self.render_mode = mask, render_mode
+        self._frames = Frames(render_style)
+        self._window = Window("Resect-v0", float(self.metadata["render_fps"])) if render_mode == "human" else None
         self.reward_weights = reward_weights(reward)
         self.scenes = play_list(scene, split)
         self._stages: StageCache[Stage] = StageCache()
@@ -109,6 +115,8 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         self.task.reset()
         self._has_ended = False
         self._mask = self.task.action_mask(self.mask_mode)
+        self._frames.forget()
+        self._show()
         return self._observe(), {"scene": self.scene.name, "scene_seed": self.scene.seed}
 
     def step(self, action: int) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
@@ -120,6 +128,8 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             raise ValueError(f"action {action} is out of range 0..{len(self._mask) - 1}")
         task, scene = self.task, self.scene
         is_illegal = not self._mask[action]
+        if self.render_mode is not None:
+            self._frames.note(task.simulation.body, action - task.table.n_faces)
         parts = NOTHING if is_illegal else task.step(action)
         task.play.whole[N_STEPS] += 1
         if not is_illegal:
@@ -140,6 +150,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             "scene": scene.name,
             "scene_seed": scene.seed,
         }
+        self._show()
         return self._observe(), total, terminated, truncated, info
 
     def action_masks(self) -> Array:
@@ -147,10 +158,25 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         return self._mask.astype(bool)
 
     def render(self) -> Array | None:
-        """Return a frame, uint8 (480, 480, 3), with the target in colours of its own; None without a render mode."""
-        if self.render_mode is None:
-            return None
-        return render_body(self.task.simulation.body, highlight=self.scene.target)
+        """Return a frame, uint8 (480, 480, 3), or show it in a window in mode "human"; None without a render mode."""
+        if self.render_mode == "rgb_array":
+            return self._frame()
+        self._show()
+        return None
+
+    def close(self) -> None:
+        """Shut the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _frame(self) -> Array:
+        """Return a frame of the body as it is now."""
+        return self._frames.draw(self.scene, self.task.simulation.body, self.task.strain)
+
+    def _show(self) -> None:
+        """Show a frame where there is a window."""
+        if self._window is not None:
+            self._window.show(self._frame())
 
     def _observe(self) -> dict[str, Array]:
         """Return what there is to see now."""

@@ -137,9 +137,15 @@ class Resection:
             raise self._refusal(int(action))
         return CostParts(*self.play.numbers[FACE : FACE + 3].tolist())
 
-    def settle(self) -> None:
-        """Let the body move for the scene's time after a cut, and set `outcome`: None, "separated" or a collapse."""
-        self._settle_for(self.scene.physics.settle_seconds, self.rest_tolerance)
+    def settle(self, seconds: float | None = None) -> None:
+        """Let the body move for the scene's time after a cut, or so many seconds of it, and judge it.
+
+        Sets `outcome`: None, "separated" or a collapse.
+        """
+        if seconds is None:
+            self._settle_for(self.scene.physics.settle_seconds, self.rest_tolerance)
+        else:
+            self._settle_for(seconds)
         self._judge()
 
     @property

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from envs.actions import MASKS
 from envs.arrays import COST, N_STEPS
 from envs.collapse import SEPARATED
+from envs.frames import Frames
 from envs.library import play_list
 from envs.observation import Observer, observation_space, one_of
 from envs.observation_kernel import Observation
@@ -23,7 +24,6 @@ from envs.stage import BUDGET, StageCache, build_stage, step_limit
 from envs.vector_info import joined, picked
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
-from gmapspring.render import render_body
 
 Array = np.ndarray[Any, Any]
 
@@ -54,12 +54,14 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         n_threads: int | None = None,
+        render_style: str = "tissue",
     ) -> None:
         """Check everything and find the scenes; bodies are built when they are first played.
 
         Args:
             num_envs: number of rows.
-            scene: as for `ResectEnv`; split, mask, reward and render_mode likewise.
+            scene: as for `ResectEnv`; split, mask, reward and render_style likewise.
+            render_mode: None or "rgb_array": there is no window for many episodes at once.
             autoreset_mode: when a row whose episode has ended begins the next one, NEXT_STEP or SAME_STEP.
             n_threads: threads that the rows are spread over; None for none but the caller's.
         """
@@ -70,6 +72,7 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"there is no render mode {render_mode!r}; give None or 'rgb_array'")
         self.num_envs, self.mask_mode, self.render_mode = int(num_envs), mask, render_mode
+        self._frames = [Frames(render_style) for _ in range(self.num_envs)]
         self.autoreset_mode = _checked_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.reward_weights = reward_weights(reward)
@@ -122,6 +125,8 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
         self._rows.play.whole[plays, N_STEPS] += 1
         out = self._observer.room_for(self.num_envs)
         rows = np.flatnonzero(is_legal)
+        if self.render_mode is not None:
+            self._note(actions, plays)
         self._rows.step(rows, actions[rows], out)
         rewards, terminated, truncated, info = self._judged(is_legal, plays & ~is_legal, begins)
         self._has_ended = terminated | truncated
@@ -139,7 +144,10 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
         """Return a frame of each row, uint8 (480, 480, 3); None without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(render_body(self._rows.body(row), highlight=self.scene_of(row).target) for row in range(self.num_envs))
+        strain = self._rows.play.strain
+        return tuple(
+            frames.draw(self.scene_of(row), self._rows.body(row), strain[row]) for row, frames in enumerate(self._frames)
+        )
 
     def scene_of(self, row: int) -> Scene:
         """Return the scene that a row plays."""
@@ -163,6 +171,11 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
             "reward_terms": terms, "is_illegal": is_illegal,
         } | self._scene_info()  # fmt: skip
         return rewards, terminated, truncated, info
+
+    def _note(self, actions: Array, plays: Array) -> None:
+        """Tell the frames what there is before a cut, so that they can show what it frees."""
+        for row in np.flatnonzero(plays).tolist():
+            self._frames[row].note(self._rows.body(row), int(actions[row]) - self._rows.n_faces)
 
     def _begin_ended(self, out: Observation, info: dict[str, Any]) -> dict[str, Any]:
         """Begin the next episode in rows that have just ended: their last observation and info go to final_obs and final_info."""
@@ -199,6 +212,7 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
                 start = self._rows.starts[row] if scene is self.scene_of(row) else start_of(build_stage(scene))
                 built[id(scene)] = start
             self._rows.put(row, start)
+            self._frames[row].forget()
             self._scene_names[row], self._scene_seeds[row] = start.scene.name, start.scene.seed
         # New arrays, since the old ones may have been handed out.
         self._has_ended = self._has_ended & ~self._mask_of(rows)

@@ -1,18 +1,19 @@
 """Frames: a body, or any surface of triangles, drawn on the processor without a system library."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gmapspring.body import Body
-from gmapspring.mesh import Mesh
-from gmapspring.mesh_checks import paired_faces
-from gmapspring.rendering import painting, raster, shading
+from gmapspring.rendering import heat, painting, raster, shading
 from gmapspring.rendering.camera import Camera
-from gmapspring.topology import gmap as topology
+from gmapspring.rendering.skin import Surface, body_surface, boundary, free_faces
+from gmapspring.rendering.style import Style
+
+__all__ = ["HEAT", "Sight", "Style", "Surface", "body_surface", "draw", "free_faces", "pick_faces", "render_body",
+           "render_surface", "see_faces", "see_triangles"]  # fmt: skip
 
 SAMPLES = 2
 """Samples along each side of a pixel."""
@@ -20,52 +21,18 @@ SAMPLES = 2
 OCCLUSION_REACH = 0.04
 """How far contact shadows reach, as a share of the camera's distance."""
 
-HEAT = np.array([[0.17, 0.25, 0.55], [0.20, 0.60, 0.70], [0.95, 0.88, 0.55], [0.93, 0.50, 0.25], [0.70, 0.08, 0.10]])
+HEAT = heat.STOPS
 """Colours of strain, evenly spaced from none to `Style.strain_limit`."""
-
-Color = tuple[float, float, float]
-"""Red, green, blue, each from 0 to 1."""
 
 
 @dataclass(frozen=True)
-class Style:
-    """Colours and light of a frame."""
+class Sight:
+    """What is seen at the centre of each pixel."""
 
-    outside: Color = (0.62, 0.21, 0.18)
-    """The original surface."""
-    inside: Color = (0.97, 0.58, 0.52)
-    """Raw faces that a cut has laid open."""
-    target: Color = (0.25, 0.66, 0.70)
-    """Highlighted tetrahedra, on the original surface."""
-    target_inside: Color = (0.58, 0.88, 0.88)
-    """Highlighted tetrahedra, on raw faces."""
-    pinned: Color = (0.22, 0.20, 0.26)
-    """Surface at pinned nodes, fading out towards free ones."""
-    background: tuple[Color, Color] = ((0.96, 0.97, 0.98), (0.84, 0.87, 0.90))
-    """Behind the body, at the top and at the bottom."""
-    strain_limit: float = 0.5
-    """Strain at the end of the heat map, the limit of tearing in the shipped scenes."""
-    gloss: float = 0.5
-    """Strength of highlights: 0 is dull, 1 wet."""
-    wire: float = 0.12
-    """Darkness of the mesh lines: 0 draws none, 1 draws black."""
-    occlusion: float = 1.0
-    """Strength of contact shadows in clefts: 0 draws none and saves their time."""
-
-
-class Surface(NamedTuple):
-    """Triangles with a colour and a normal at each corner."""
-
-    points: NDArray[np.float64]
-    """Positions [m], shape (n_points, 3)."""
-    triangles: NDArray[np.int32]
-    """Points of each triangle, counter-clockwise seen from outside, shape (n_triangles, 3)."""
-    colors: NDArray[np.float64]
-    """Red, green, blue of each triangle (n_triangles, 3) or of each corner (n_triangles, 3, 3), from 0 to 1."""
-    normals: NDArray[np.float64]
-    """Unit normal of each corner, shape (n_triangles, 3, 3)."""
-    is_closed: bool = False
-    """Whether the triangles bound a solid, so that those that face away from the eye need no drawing."""
+    face: NDArray[np.int32]
+    """4 * tetrahedron + face, or -1 where there is nothing, shape (height, width)."""
+    depth: NDArray[np.float32]
+    """Distance from the eye along the direction in which it looks [m], infinite where there is nothing, (height, width)."""
 
 
 def render_surface(
@@ -104,20 +71,36 @@ def render_body(
     """Draw a body and return the picture, uint8, shape (height, width, 3); size is (width, height) [pixels].
 
     highlight (n_tets,) marks tetrahedra to be shown in the target's colours; strain (n_tets,) colours the whole body
-    by a number per tetrahedron instead, from 0 to the style's limit. Without a camera, one is fitted to the mesh at
-    rest, so that the frames of a film share it.
+    by a number per tetrahedron instead, from 0 to the style's limit, with a legend. Without a camera, one is fitted to the
+    mesh at rest, so that the frames of a film share it. Pieces that hang on no pinned node are faded.
     """
     style = style or Style()
     surface = body_surface(body, highlight, strain, style)
-    return draw(surface, camera or _camera_of(body, size), size, style)
+    picture = draw(surface, camera or _camera_of(body, size), size, style)
+    if strain is not None and style.legend:
+        heat.stamp_legend(picture, style.strain_limit, style.legend)
+    return picture
 
 
 def pick_faces(body: Body, camera: Camera | None = None, size: tuple[int, int] = (480, 480)) -> NDArray[np.int32]:
     """Return the face seen at the centre of each pixel, 4 * tetrahedron + face or -1, shape (height, width)."""
-    slots = free_faces(body)
-    screen = (camera or _camera_of(body, size)).project(body.nodes.position, size)
-    _, owner = raster.rasterise(screen, body.surface(), size, is_closed=True)
-    return np.append(slots, raster.BACKGROUND).astype(np.int32)[owner]
+    return see_faces(body, camera, size).face
+
+
+def see_faces(body: Body, camera: Camera | None = None, size: tuple[int, int] = (480, 480)) -> Sight:
+    """Return face and depth [m] at the centre of each pixel; size is (width, height) [pixels]."""
+    slots, triangles = boundary(body)
+    triangle, depth = see_triangles(body.nodes.position, triangles, camera or _camera_of(body, size), size)
+    return Sight(np.append(slots, raster.BACKGROUND).astype(np.int32)[triangle], depth)
+
+
+def see_triangles(
+    points: ArrayLike, triangles: NDArray[np.int32], camera: Camera, size: tuple[int, int], is_closed: bool = True
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Return triangle (-1 for none) and depth (infinite for none) [m] at the centre of each pixel, (height, width) each."""
+    nearness, owner = raster.rasterise(camera.project(points, size), triangles, size, is_closed)
+    depth = np.full(nearness.shape, np.inf, np.float32)
+    return owner.copy(), np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
 
 
 def draw(surface: Surface, camera: Camera, size: tuple[int, int], style: Style | None = None) -> NDArray[np.uint8]:
@@ -149,54 +132,6 @@ def draw(surface: Surface, camera: Camera, size: tuple[int, int], style: Style |
     return picture
 
 
-def free_faces(body: Body) -> NDArray[np.int64]:
-    """Return the free faces of a body as slots 4 * tetrahedron + face, ascending, in the order of `body.surface()`."""
-    return topology.boundary_faces(body.gmap) @ np.array([4, 1])
-
-
-def body_surface(
-    body: Body,
-    highlight: NDArray[np.bool_] | None = None,
-    strain: NDArray[Any] | None = None,
-    style: Style | None = None,
-) -> Surface:
-    """Return the boundary of a body in the order of `free_faces`: smooth outside, flat on cut faces."""
-    style = style or Style()
-    slots = free_faces(body)
-    tetrahedra = slots // 4
-    is_outside = _outside(body.mesh)[slots]
-    points = np.array(body.nodes.position, dtype=np.float64)
-    triangles = body.surface()
-    colors = np.where(is_outside[:, None], style.outside, style.inside)
-    if highlight is not None:
-        target = np.where(is_outside[:, None], style.target, style.target_inside)
-        colors = np.where(np.asarray(highlight, dtype=bool)[tetrahedra, None], target, colors)
-    if strain is not None:
-        colors = _heat(np.asarray(strain, dtype=np.float64)[tetrahedra] / style.strain_limit)
-    is_pinned = (body.nodes.is_pinned[triangles] & is_outside[:, None])[..., None]
-    colors = np.where(is_pinned, style.pinned, colors[:, None])
-    return Surface(points, triangles, colors, shading.corner_normals(points, triangles, is_outside), True)
-
-
-def _heat(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the colour of each number between 0 and 1, shape (n, 3)."""
-    stops = np.linspace(0.0, 1.0, len(HEAT))
-    share = np.nan_to_num(share, nan=1.0)
-    return np.stack([np.interp(share, stops, channel) for channel in HEAT.T], axis=1)
-
-
 def _camera_of(body: Body, size: tuple[int, int]) -> Camera:
     """Return a camera that fits the mesh at rest."""
     return Camera.fit(body.mesh.points, aspect=size[0] / size[1])
-
-
-_OUTSIDE: WeakKeyDictionary[Mesh, NDArray[np.bool_]] = WeakKeyDictionary()
-
-
-def _outside(mesh: Mesh) -> NDArray[np.bool_]:
-    """Return which slots 4 * tetrahedron + face lie on the surface of an uncut mesh, found once per mesh."""
-    if mesh not in _OUTSIDE:
-        is_outside = np.ones(4 * mesh.n_tetrahedra, dtype=np.bool_)
-        is_outside[np.concatenate(paired_faces(mesh.tetrahedra, mesh.n_points))] = False
-        _OUTSIDE[mesh] = is_outside
-    return _OUTSIDE[mesh]

@@ -11,6 +11,7 @@ from agents.evaluation import Episode, Estimate, Policy, Summary, episodes_as_cs
 from agents.progress import ProgressReport
 from agents.scripted import POLICIES
 from agents.table import HEADERS, print_table, summary_rows
+from agents.video import Player, encoder_of, record_video
 from envs.resect import ResectEnv
 from gmapspring.errors import ConfigError
 from gmapspring.paths import write_atomically
@@ -26,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=positive, help="how many [each scene once]")
     parser.add_argument("--seed", type=count, default=0, help="of what is random [0]")
     parser.add_argument("--out", type=pathlib.Path, help="write a line per episode to this CSV file")
+    parser.add_argument("--video", type=pathlib.Path, help="film the first scenes, policies side by side: .gif, .webp or .mp4")
+    parser.add_argument("--video-episodes", type=positive, default=1, metavar="N", help="how many scenes to film [1]")
     add_json(parser)
 
 
@@ -33,6 +36,8 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
     """Play policies on the same scenes, print their table, and write their episodes."""
     if parsed.out and parsed.out.is_dir():
         raise ConfigError(f"--out {parsed.out} is a folder; give the name of a file")
+    if parsed.video:
+        encoder_of(parsed.video)
     # All are made before the first plays: what is wrong with the last is then known at once.
     players = {name: _player(name, parsed) for name in parsed.policies}
     with ProgressReport(say(parsed), "evaluating") as report:
@@ -40,6 +45,11 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
     if parsed.out:
         parsed.out.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(parsed.out, episodes_as_csv(sum(played.values(), [])).encode())
+    if parsed.video:
+        # Made anew: what a policy draws by chance in the film is then what it drew before.
+        filmed = [Player(name, *_player(name, parsed)) for name in parsed.policies]
+        record_video(filmed, parsed.video, range(parsed.video_episodes), parsed.seed)
+        say(parsed).print(f"the film is {parsed.video}", highlight=False, soft_wrap=True)
     summaries = [summarise(episodes) for episodes in played.values()]
     if parsed.json:
         print_json([_as_numbers(summary) for summary in summaries])
@@ -86,6 +96,7 @@ COMMAND = Command(
     "evaluate certificate --split test\n"
     "evaluate lookahead --scene box-108 --split test --episodes 16\n"
     "evaluate shield:rim-first search:100 --scene box-108\n"
+    "evaluate rim-first shield:rim-first --scene box-192 --episodes 4 --video runs/two.gif\n"
     "evaluate runs/box-108/best.zip --out runs/box-108/test.csv",
     add_arguments,
     run,

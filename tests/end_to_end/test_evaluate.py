@@ -7,10 +7,12 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from agents.command_line import main
 from agents.demo_cut import amounts, choose_cuts, conservation_rows, cut_liver, own_share
+from agents.video import SIDE
 from gmapspring import Material, Simulation, meshes
 
 
@@ -47,6 +49,15 @@ def test_evaluate_tells_how_many_simulator_steps_thinking_took(tmp_path, capsys)
     assert all(0 < spent <= 30 for spent in searched)
 
 
+def test_policies_are_filmed_side_by_side(tmp_path, capsys):
+    film = tmp_path / "new" / "two.gif"
+    arguments = ["evaluate", "certificate", "rim-first", "--scene", "box-48", "--episodes", 1, "--video", film]
+    code, printed, _ = run(arguments, capsys)
+    assert code == 0 and f"the film is {film}" in printed
+    with Image.open(film) as opened:
+        assert opened.n_frames > 20 and opened.width == 2 * SIDE
+
+
 def test_the_same_seed_gives_the_same_episodes(tmp_path, capsys):
     found = []
     for name in ("first.csv", "second.csv"):
@@ -66,6 +77,7 @@ def test_the_same_seed_gives_the_same_episodes(tmp_path, capsys):
         (["evaluate", "random", "--mask", "focsu"], ["focsu", "did you mean 'focus'"]),
         (["evaluate", "random", "--scene", "box-48", "--episodes", 1, "--out", "/dev/null/x.csv"], ["/dev/null"]),
         (["evaluate", "random", "--out", "."], ["--out .", "is a folder"]),
+        (["evaluate", "random", "--video", "film.gfi"], ["film.gfi", "did you mean '.gif'"]),
     ],
     ids=lambda part: " ".join(map(str, part)),
 )

@@ -209,7 +209,8 @@ def test_an_option_that_does_not_fit_is_an_error(env, options, message):
     [
         ({"mask": "al"}, r"no mask 'al'; did you mean 'all'\?"),
         ({"reward": {"colapse": 1.0}}, r"reward\.colapse: unknown term; did you mean 'collapse'\?"),
-        ({"render_mode": "human"}, r"no render mode 'human'"),
+        ({"render_mode": "ansi"}, r"no render mode 'ansi'"),
+        ({"render_style": "tisue"}, r"no render style 'tisue'; did you mean 'tissue'"),
         ({"scene": []}, r"list of scenes is empty"),
         ({"scene": "box-109"}, r"no scene 'box-109'"),
         ({"scene": "box-48", "split": "tset"}, r"no split 'tset'; did you mean 'test'\?"),

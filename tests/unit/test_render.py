@@ -5,6 +5,8 @@ import pytest
 
 from gmapspring import Material, Simulation, meshes, render
 from gmapspring.rendering.camera import Camera
+from gmapspring.rendering.heat import ticks
+from gmapspring.rendering.pieces import moment_of, piece_surface
 from gmapspring.rendering.raster import rasterise
 from gmapspring.rendering.shading import corner_normals
 
@@ -313,3 +315,83 @@ def test_contact_shadows_darken_a_groove_and_leave_a_plane_alone():
         lit = render.draw(surface, FRONT, (64, 64), PLAIN)
         shaded = render.draw(surface, FRONT, (64, 64), render.Style(gloss=0.0, wire=0.0, occlusion=1.0))
         assert (lit[32, 30:34].astype(int).mean() - shaded[32, 30:34].mean() > 10) == is_darker
+
+
+def test_faces_and_depths_are_those_of_the_nearest_surface():
+    # The front of a unit cube at y = 0, seen along +y from y = -10: all of it lies 10 m deep.
+    body = simulation((1, 1, 1)).body
+    seen = render.see_faces(body, FRONT, SIZE)
+    is_seen = seen.face >= 0
+    assert is_seen.any() and not is_seen.all()
+    np.testing.assert_allclose(seen.depth[is_seen], 10.0, rtol=1e-6)
+    assert np.isinf(seen.depth[~is_seen]).all()
+    np.testing.assert_array_equal(seen.face, render.pick_faces(body, FRONT, SIZE))
+
+
+def hung():
+    """Return two cubes, one of them pinned, cut apart between them."""
+    mesh = meshes.box((2, 1, 1))
+    simulated = simulation(pinned=mesh.points[:, 0] == 0.0)
+    is_right = mesh.points[mesh.tetrahedra][:, :, 0].mean(axis=1) > 1.0
+    pairs = sewn_pairs(simulated.body)
+    faces = pairs[is_right[pairs[:, 0]] != is_right[pairs[:, 1]]]
+    return simulated, faces, is_right
+
+
+def test_what_hangs_on_no_pinned_node_pales_into_the_background():
+    simulated, faces, is_right = hung()
+    for a, b in faces[:-1]:
+        simulated.split_face(a, b)
+    still_hung = render.body_surface(simulated.body)
+    simulated.split_face(*faces[-1])
+    freed, style = render.body_surface(simulated.body), render.Style()
+    is_loose = is_right[render.free_faces(simulated.body) // 4]
+    is_outside = (still_hung.colors[:, 0] == style.outside).all(axis=1)
+    assert is_outside.any()
+    paled = (1.0 - style.fade) * np.array(style.outside) + style.fade * np.mean(style.background, axis=0)
+    raw = (1.0 - style.fade) * np.array(style.inside) + style.fade * np.mean(style.background, axis=0)
+    found = np.unique(freed.colors[is_loose].reshape(-1, 3), axis=0)
+    np.testing.assert_allclose(found, np.unique([paled, raw], axis=0))
+    assert not np.isclose(freed.colors[~is_loose][:, :, None], found[None, None]).all(axis=-1).any()
+
+
+def test_a_body_that_is_pinned_nowhere_keeps_its_colours_in_pieces():
+    colors = render.body_surface(opened(), style=LOUD).colors
+    assert {tuple(color) for color in colors.reshape(-1, 3)} == {OUTSIDE, INSIDE}
+
+
+def test_a_gone_piece_is_drawn_where_it_was():
+    simulated, faces, is_right = hung()
+    before = moment_of(simulated.body)
+    whole = render.body_surface(simulated.body)
+    simulated.cut(tetrahedra=np.flatnonzero(is_right))
+    simulated.body.nodes.position[:] += 5.0
+    piece = piece_surface(before, is_right, np.zeros(12, bool), render.Style(), 0.0)
+    # Its outside is what was there; towards the rest of the body it is raw.
+    assert (piece.colors[:, 0] == render.Style().inside).all(axis=1).sum() == len(faces)
+    assert (piece.colors[:, 0] == render.Style().outside).all(axis=1).sum() == 12 - len(faces)
+    assert piece.points[:, 0].min() == 1.0 and piece.points.max() == whole.points.max() == 2.0
+
+
+@pytest.mark.parametrize(
+    ("limit", "expected"),
+    [(0.5, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]), (1.0, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]), (3e-4, [0.0, 1e-4, 2e-4, 3e-4]),
+     (0.37, [0.0, 0.1, 0.2, 0.3])],
+)  # fmt: skip
+def test_a_legend_counts_in_round_numbers(limit, expected):
+    np.testing.assert_allclose(ticks(limit), expected, rtol=1e-12)
+
+
+def test_a_heat_map_has_a_legend_unless_it_is_told_to_have_none_or_is_small():
+    body, strain = simulation().body, np.full(12, 0.2)
+    bare = render.render_body(body, strain=strain, size=(200, 180), style=render.Style(legend=""))
+    named = render.render_body(body, strain=strain, size=(200, 180))
+    differs = (bare != named).any(axis=2)
+    # A bar in the lower left, and nothing elsewhere.
+    assert differs[90:, :60].any() and not differs[:60].any() and not differs[:, 100:].any()
+    hottest = (np.abs(named.astype(float) - 255 * render.HEAT[-1]).max(axis=2) < 12).any()
+    assert hottest and not (np.abs(bare.astype(float) - 255 * render.HEAT[-1]).max(axis=2) < 12).any()
+    small = [render.render_body(body, strain=strain, size=SIZE, style=render.Style(legend=title)) for title in ("strain", "")]
+    np.testing.assert_array_equal(*small)
+    tissue = [render.render_body(body, size=(200, 180), style=render.Style(legend=title)) for title in ("strain", "")]
+    np.testing.assert_array_equal(*tissue)

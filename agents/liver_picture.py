@@ -1,16 +1,14 @@
-"""Make the picture of the first screen: a liver that hangs from its anchor, cut open beside the tumour.
+"""The picture of the first screen: a liver that hangs from its anchor, cut open beside the tumour."""
 
-Run by hand: `python docs/make_pictures.py`. The same versions give the same bytes.
-"""
-
-import pathlib
+from typing import Any
 
 import numpy as np
-from PIL import Image
 
 import gmapspring as gs
 from gmapspring.render import render_body
 from gmapspring.rendering.camera import Camera
+
+Array = np.ndarray[Any, Any]
 
 SIZE = (900, 600)
 GRAVITY = (0.0, 0.0, -9.81)
@@ -44,24 +42,18 @@ def cut_beside_tumour(simulation: gs.Simulation) -> None:
     here, there = np.arange(body.gmap.image.size) // 4, body.gmap.image.ravel() // 24
     is_cut = (beside[here] < 0.0) & (beside[there] > 0.0) & (centre[here, 1] + centre[there, 1] < 2.0 * BACK_Y)
     is_cut &= ~is_wedge[here] & ~is_wedge[there]
-    report = simulation.cut(faces=np.stack([here, there], axis=1)[is_cut], tetrahedra=np.flatnonzero(is_wedge))
+    simulation.cut(faces=np.stack([here, there], axis=1)[is_cut], tetrahedra=np.flatnonzero(is_wedge))
     label = simulation.components()
     is_loose = (label >= 0) & (label != np.bincount(label[label >= 0]).argmax())
     simulation.cut(tetrahedra=np.flatnonzero(is_loose))
-    print(f"{is_cut.sum()} faces cut, {is_wedge.sum()} tetrahedra removed, {len(report.new_nodes)} new nodes")
 
 
-def main() -> None:
-    """Write cut-liver.png beside this script."""
+def cut_liver_picture() -> Array:
+    """Return the picture, uint8 (600, 900, 3)."""
     simulation = hung_liver()
     cut_beside_tumour(simulation)
     simulation.advance(1.0)
     simulation.check_validity()
     camera = Camera.fit(simulation.body.nodes.position, azimuth=-84.0, elevation=42.0, aspect=SIZE[0] / SIZE[1], margin=1.06)
     tumour = simulation.body.mesh.cell_regions["tumour"]
-    picture = render_body(simulation.body, highlight=tumour, camera=camera, size=SIZE)
-    Image.fromarray(picture).save(pathlib.Path(__file__).with_name("cut-liver.png"), optimize=True)
-
-
-if __name__ == "__main__":
-    main()
+    return render_body(simulation.body, highlight=tumour, camera=camera, size=SIZE)
