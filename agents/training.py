@@ -22,7 +22,7 @@ from agents.averaging import WeightAverage
 from agents.candidate_policy import CandidatePolicy
 from agents.checkpoint import SCENE_JOINT, Page, observation_columns, restore_model, save_checkpoint, start_from
 from agents.cloning import clone
-from agents.demonstrations import demonstrate, together
+from agents.demonstrations import demonstrate, demonstrate_recorded, together
 from agents.evaluation import Summary, evaluate, summarise
 from agents.flat import FlatPolicy
 from agents.interruption import Interruption
@@ -159,6 +159,8 @@ class Trainer:
             return
         set_random_seed(self.config.seed)
         shown = together([demonstrate(scene, "train", self.config.mask) for scene in self.config.scenes])
+        if settings.recordings:
+            shown = together([shown, demonstrate_recorded(self.config.scenes, settings.recordings, self.config.mask)])
         stop, policy = self.config.stop.cpu_seconds or np.inf, self.model.policy
         assert isinstance(policy, CandidatePolicy), "the configuration is checked"
         start = copy.deepcopy(policy.state_dict())

@@ -1,5 +1,6 @@
 """The form of a training configuration."""
 
+import pathlib
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -9,6 +10,7 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -92,6 +94,15 @@ class WarmStart(Config):
     batch_size: PositiveInt = 64
     learning_rate: PositiveFloat = 3e-3
     """At the start; it falls to 0 in a straight line."""
+    recordings: list[str] | None = None
+    """Episodes to be cloned beside the certificates, as `gmapspring view` records them: files; relative paths start at the
+    folder of the configuration. Each must free the target of a training scene."""
+
+    @field_validator("recordings")
+    @classmethod
+    def _start_at_the_configuration(cls, recordings: list[str] | None, info: ValidationInfo) -> list[str] | None:
+        folder = (info.context or {}).get("folder", pathlib.Path())
+        return recordings and [str(folder / path) for path in recordings]
 
 
 class Shaping(Config):

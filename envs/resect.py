@@ -1,6 +1,7 @@
 """Resect-v0: free the target by cutting, at the least cost, and let nothing collapse on the way."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -19,13 +20,30 @@ from envs.rewards import Transition, reward, reward_weights
 from envs.scene import Scene
 from envs.selection import select
 from envs.stage import BUDGET, Stage, StageCache, build_stage, step_limit
-from envs.task import Resection
+from envs.task import Resection, ResectionState
 from envs.window import Window
 from gmapspring.config import closest
-from gmapspring.errors import ConfigError
+from gmapspring.errors import ConfigError, StateFileError
 from gmapspring.simulation import ONE_ROW
 
 Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeState:
+    """Everything that `ResectEnv.load_state` needs to go on from here."""
+
+    scene: Scene
+    """What is played."""
+
+    task: ResectionState
+    """Body and bookkeeping."""
+
+    mask: Array
+    """The legal actions, int8 (n_actions,)."""
+
+    has_ended: bool
+    """Whether the episode is over."""
 
 
 class ResectEnv(gym.Env[dict[str, Any], Any]):
@@ -152,6 +170,22 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         }
         self._show()
         return self._observe(), total, terminated, truncated, info
+
+    def save_state(self) -> EpisodeState:
+        """Return a snapshot of the episode; it stays valid as long as the environment, and can be loaded again."""
+        return EpisodeState(self.scene, self.task.save_state(), self._mask.copy(), self._has_ended)
+
+    def load_state(self, state: EpisodeState) -> dict[str, Array]:
+        """Go back to a snapshot of the episode's scene, and return what there is to see: what follows, follows bit for bit.
+
+        Raises:
+            StateFileError: the snapshot is of another scene.
+        """
+        if state.scene is not self.scene:
+            raise StateFileError(f"the state is of scene {state.scene.name!r}, seed {state.scene.seed}, which is not played now")
+        self.task.load_state(state.task)
+        self._mask, self._has_ended = state.mask.copy(), state.has_ended
+        return self._observe()
 
     def action_masks(self) -> Array:
         """Return the legal actions, bool (n_actions,), as MaskablePPO asks for them; before a reset, of the first scene."""

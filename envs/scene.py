@@ -8,10 +8,10 @@ import numpy as np
 
 from envs.scene_config import Limits, MaterialField, Physics, SceneConfig
 from envs.scene_kinds import BoxMesh, FileMesh
-from gmapspring import meshes
 from gmapspring.errors import ConfigError
 from gmapspring.mesh import Mesh
 from gmapspring.mesh_files import read_mesh
+from gmapspring.meshes import box
 
 Array = np.ndarray[Any, Any]
 
@@ -168,7 +168,7 @@ def build_scene(config: SceneConfig, seed: int, certificate: Certificate | None 
 def build_mesh(config: BoxMesh | FileMesh) -> Mesh:
     """Return the mesh of a configuration; all scenes of one configuration share it."""
     if isinstance(config, BoxMesh):
-        return meshes.box(config.cells, config.spacing)
+        return box(config.cells, config.spacing)
     return read_mesh(config.path)
 
 

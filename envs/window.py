@@ -9,7 +9,7 @@ Array = np.ndarray[Any, Any]
 
 ADVICE = (
     "there is no display to show frames on ({reason}), so the episode goes on unseen; to see it, make the environment with "
-    'render_mode="rgb_array" and keep what env.render() returns, or watch it in a browser: python -m agents view'
+    'render_mode="rgb_array" and keep what env.render() returns, or watch it in a browser: gmapspring view'
 )
 """What is said once, where frames cannot be shown."""
 

@@ -9,7 +9,15 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from gmapspring import mesh_checks
+from gmapspring.mesh_checks import (
+    check_faces,
+    check_volumes,
+    checked_points,
+    checked_regions,
+    checked_tetrahedra,
+    paired_faces,
+    signed_volumes,
+)
 from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
@@ -33,12 +41,12 @@ class Mesh:
 
     def __post_init__(self) -> None:
         """Check everything, then keep private read-only copies."""
-        points = mesh_checks.checked_points(self.points)
-        tetrahedra = mesh_checks.checked_tetrahedra(self.tetrahedra, len(points))
-        mesh_checks.check_volumes(points, tetrahedra)
-        mesh_checks.check_faces(tetrahedra, len(points))
-        cells = mesh_checks.checked_regions(self.cell_regions, len(tetrahedra), "tetrahedra", "cell_regions")
-        marks = mesh_checks.checked_regions(self.point_regions, len(points), "points", "point_regions")
+        points = checked_points(self.points)
+        tetrahedra = checked_tetrahedra(self.tetrahedra, len(points))
+        check_volumes(points, tetrahedra)
+        check_faces(tetrahedra, len(points))
+        cells = checked_regions(self.cell_regions, len(tetrahedra), "tetrahedra", "cell_regions")
+        marks = checked_regions(self.point_regions, len(points), "points", "point_regions")
         self.__dict__.update(points=points, tetrahedra=tetrahedra, cell_regions=cells, point_regions=marks)
         self._freeze()
 
@@ -65,7 +73,7 @@ class Mesh:
     @cached_property
     def volumes(self) -> Array:
         """Return the volume of each tetrahedron [m^3], shape (n_tetrahedra,), all positive."""
-        volumes = mesh_checks.signed_volumes(self.points, self.tetrahedra)
+        volumes = signed_volumes(self.points, self.tetrahedra)
         volumes.flags.writeable = False
         return volumes
 
@@ -85,7 +93,7 @@ def pinched_points(mesh: Mesh) -> PinchedPoints:
 
     Such a mesh is legal: the body holds together through faces only, so its parts come apart at these points.
     """
-    first, second = mesh_checks.paired_faces(mesh.tetrahedra, mesh.n_points)
+    first, second = paired_faces(mesh.tetrahedra, mesh.n_points)
     corner_of = 4 * (first // 4)[:, None] + OUTWARD_FACE_CORNERS[first % 4]
     other_of = 4 * (second // 4)[:, None] + OUTWARD_FACE_CORNERS[second % 4]
     # The same three points on both sides, but wound the other way: match them by their ids.

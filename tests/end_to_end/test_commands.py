@@ -115,9 +115,9 @@ def test_wrong_arguments_exit_with_code_2(arguments):
     assert stopped.value.code == 2
 
 
-def test_certify_tells_of_one_seed(capsys):
-    code, printed, _ = run(["certify", "box-48", "--seed", 0], capsys)
-    assert code == 0 and "seed 0" in printed
+def test_certify_hands_on_its_errors(capsys):
+    code, _, error = run(["certify", "box-49", "--seed", 0], capsys)
+    assert code == 1 and "did you mean 'box-48'" in error
 
 
 def test_evaluate_gives_a_script_its_numbers(capsys):

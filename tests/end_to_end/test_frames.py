@@ -111,7 +111,7 @@ def test_without_a_render_mode_nothing_is_remembered_for_frames():
 def test_without_a_display_mode_human_says_once_how_to_see_and_plays_on():
     plt.switch_backend("agg")
     env = ResectEnv(SCENE, render_mode="human")
-    with pytest.warns(UserWarning, match=r"no display .*agg.* render_mode=\"rgb_array\" .* python -m agents view"):
+    with pytest.warns(UserWarning, match=r"no display .*agg.* render_mode=\"rgb_array\" .* gmapspring view"):
         env.reset(seed=0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
