@@ -29,9 +29,10 @@ accuracy: $(VENV)/.installed
 stability: $(VENV)/.installed
 	$(BIN)/python -m tests.stability
 
-## docs-pictures: make the pictures of README and docs/ that show bodies and the map
+## docs-pictures: make the pictures of README and docs/ that show bodies and the map; the film shows the policy of the demo
 docs-pictures: $(VENV)/.installed
-	$(BIN)/python -m agents.pictures
+	test -f runs/demo/training/best.zip || $(MAKE) demo
+	$(BIN)/python -m agents.pictures runs/demo/training/best.zip
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -29,6 +29,9 @@ DOCS = pathlib.Path(__file__).resolve().parents[1] / "docs"
 POLICY = "shield:rim-first"
 """Who cuts in the film, unless another policy is named."""
 
+LEARNED = "learned policy"
+"""What a saved policy is called in the film."""
+
 SCENE, SPLIT, INDEX = "box-192", "test", 0
 """What it cuts, unless it is at home elsewhere."""
 
@@ -57,7 +60,9 @@ def write_film(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
     scene = home_of(policy).scene if policy.endswith(".zip") else SCENE
     env = ResectEnv(scene, SPLIT, home_of(policy).mask)
     path = folder / "cutting.gif"
-    record_video([Player(policy, make_policy(policy, env, 0), env)], path, (INDEX,))
+    # A reader cares that it has learnt, not where its file lies.
+    name = LEARNED if policy.endswith(".zip") else policy
+    record_video([Player(name, make_policy(policy, env, 0), env)], path, (INDEX,))
     return [path]
 
 
