@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy import sparse, spatial
 from scipy.sparse import csgraph
 
 from gmapspring.addresses import leaves
@@ -18,6 +18,9 @@ from gmapspring.topology.gmap import boundary_faces, components, singular_vertic
 
 N_BINS = 10
 """Bins of the quality histogram, from 0 to 1."""
+
+SAME_PLACE = 1e-6
+"""Distance below which two points lie at the same place, over the shortest edge."""
 
 EDGE_BETWEEN = np.zeros((4, 4), np.int64)
 """The edge between two corners of a tetrahedron."""
@@ -52,6 +55,8 @@ class MeshInfo:
     """Nodes whose link is neither a sphere nor a disc."""
     n_pinched_points: int
     """Points at which parts touch without sharing a face, so that they become several nodes."""
+    n_coincident_points: int
+    """Points that lie where another one does: where two of them should be one, the mesh has a crack and is not watertight."""
     quality: dict[str, float]
     """Mean ratio of tetrahedra (`mean_ratios`): lowest, median, mean."""
     quality_histogram: tuple[int, ...]
@@ -88,6 +93,7 @@ def describe(mesh: Mesh, material: Material, integrators: Iterable[str]) -> Mesh
         boundary_euler=_boundary_euler(body),
         n_singular_nodes=len(singular_vertices(body.gmap)),
         n_pinched_points=len(pinched_points(mesh).points),
+        n_coincident_points=_count_coincident(mesh),
         quality={"lowest": float(ratios.min()), "median": float(np.median(ratios)), "mean": float(ratios.mean())},
         quality_histogram=tuple(np.histogram(ratios, N_BINS, (0.0, 1.0))[0].tolist()),
         worst_tetrahedron=int(ratios.argmin()),
@@ -104,6 +110,14 @@ def mean_ratios(mesh: Mesh) -> Array:
     ends = mesh.points[mesh.tetrahedra[:, EDGE_CORNERS]]
     squares = ((ends[:, :, 1] - ends[:, :, 0]) ** 2).sum(axis=(1, 2))
     return 12.0 * (3.0 * mesh.volumes) ** (2.0 / 3.0) / squares
+
+
+def _count_coincident(mesh: Mesh) -> int:
+    """Return how many points lie closer to another than a millionth of the shortest edge."""
+    ends = mesh.points[mesh.tetrahedra[:, EDGE_CORNERS]]
+    shortest = float(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).min())
+    pairs = spatial.cKDTree(mesh.points).query_pairs(SAME_PLACE * shortest, output_type="ndarray")
+    return len(np.unique(pairs))
 
 
 def _areas(corners: Array) -> Array:

@@ -66,10 +66,17 @@ def _facts(info: MeshInfo) -> list[tuple[str, str]]:
         ("boundary", f"{info.n_boundary_faces} faces, {info.boundary_area:.4g} m^2, {_shape(info)}"),
         ("singular nodes", str(info.n_singular_nodes)),
         ("points that become several nodes", str(info.n_pinched_points)),
+        ("points in the same place", _cracks(info)),
         ("quality", f"{quality}; the worst is tetrahedron {info.worst_tetrahedron}"),
         ("stable step", steps),
         ("memory of the body", f"{info.n_bytes / 2**20:.2f} MiB"),
     ]
+
+
+def _cracks(info: MeshInfo) -> str:
+    """Return how many points coincide, and what that means."""
+    n = info.n_coincident_points
+    return f"{n}: not watertight, the mesh has cracks there; merge these points where it is made" if n else "0"
 
 
 def _shape(info: MeshInfo) -> str:

@@ -38,6 +38,21 @@ def test_the_boundary_of_a_manifold_has_twice_its_characteristic(name):
     assert info.boundary_euler == 2 * (info.n_points - info.n_edges + info.n_faces - info.n_tetrahedra)
 
 
+def test_a_crack_is_told_by_the_points_that_lie_on_both_of_its_sides():
+    box = meshes.box((2, 1, 1))
+    is_right = box.points[box.tetrahedra].mean(axis=1)[:, 0] > 1.0
+    points, tetrahedra = box.points, box.tetrahedra.copy()
+    # The right half takes points of its own.
+    new = np.unique(tetrahedra[is_right])
+    tetrahedra[is_right] = np.searchsorted(new, tetrahedra[is_right]) + len(points)
+    used, back = np.unique(tetrahedra, return_inverse=True)
+    cracked = Mesh(np.concatenate([points, points[new]])[used], back.reshape(-1, 4))
+    whole, torn = (describe(mesh, TISSUE, []) for mesh in (box, cracked))
+    assert (whole.n_coincident_points, whole.n_components) == (0, 1)
+    # Four points of the middle, on either side.
+    assert (torn.n_coincident_points, torn.n_components) == (8, 2)
+
+
 def test_area_volume_memory_and_steps_are_those_of_the_body():
     mesh = meshes.box((2, 3, 1), spacing=0.5)
     info = describe(mesh, TISSUE, ["rk4", "symplectic_euler"])
