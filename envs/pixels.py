@@ -12,7 +12,7 @@ from envs.scene import Scene
 from envs.task import Resection
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
-from gmapspring.render import draw, see_triangles
+from gmapspring.render import draw, draw_with_depth
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.skin import body_surface
 from gmapspring.rendering.style import Style
@@ -64,10 +64,9 @@ class PixelObservation(gym.ObservationWrapper[Array, Any, dict[str, Array]], Rec
         scene: Scene = task.scene
         camera = camera_of(scene, self.size)
         surface = body_surface(task.simulation.body, scene.target, style=LOOK)
-        picture = draw(surface, camera, self.size, LOOK)
         if self.mode == "rgb":
-            return picture
-        _, depth = see_triangles(surface.points, surface.triangles, camera, self.size)
+            return draw(surface, camera, self.size, LOOK)
+        picture, depth = draw_with_depth(surface, camera, self.size, LOOK)
         return np.concatenate([picture, depth_bytes(depth, camera)[..., None]], axis=2)
 
 

@@ -12,8 +12,8 @@ from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.skin import Surface, body_surface, boundary, free_faces
 from gmapspring.rendering.style import Style
 
-__all__ = ["HEAT", "Sight", "Style", "Surface", "body_surface", "draw", "free_faces", "pick_faces", "render_body",
-           "render_surface", "see_faces", "see_triangles"]  # fmt: skip
+__all__ = ["HEAT", "Sight", "Style", "Surface", "body_surface", "draw", "draw_with_depth", "free_faces", "pick_faces",
+           "render_body", "render_surface", "see_faces", "see_triangles"]  # fmt: skip
 
 SAMPLES = 2
 """Samples along each side of a pixel."""
@@ -105,7 +105,24 @@ def see_triangles(
 
 def draw(surface: Surface, camera: Camera, size: tuple[int, int], style: Style | None = None) -> NDArray[np.uint8]:
     """Draw a surface and return the picture, uint8, shape (height, width, 3); size is (width, height) [pixels]."""
-    style = style or Style()
+    return _drawn(surface, camera, size, style or Style())[0]
+
+
+def draw_with_depth(
+    surface: Surface, camera: Camera, size: tuple[int, int], style: Style | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Draw a surface and return the picture and depths [m], (height, width): of each pixel's samples the nearest, or infinite."""
+    picture, nearness = _drawn(surface, camera, size, style or Style())
+    rows = np.max([nearness[row::SAMPLES] for row in range(SAMPLES)], axis=0)
+    nearest = np.max([rows[:, column::SAMPLES] for column in range(SAMPLES)], axis=0)
+    depth = np.full(nearest.shape, np.inf, np.float32)
+    return picture, np.divide(np.float32(1.0), nearest, out=depth, where=nearest > 0.0)
+
+
+def _drawn(
+    surface: Surface, camera: Camera, size: tuple[int, int], style: Style
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the picture of a surface, and one over the depth of each sample."""
     width, height = size
     screen = camera.project(surface.points, size)
     # Snapped as the z-buffer will: a triangle that it draws then has an area above zero here too.
@@ -129,7 +146,7 @@ def draw(surface: Surface, camera: Camera, size: tuple[int, int], style: Style |
     picture = np.empty((height, width, 3), np.uint8)
     background = np.array(style.background, dtype=np.float64) ** 2
     painting.paint(plan, owner, openness, look, background, picture.reshape(height, 3 * width))
-    return picture
+    return picture, nearness
 
 
 def _camera_of(body: Body, size: tuple[int, int]) -> Camera:

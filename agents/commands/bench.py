@@ -12,7 +12,9 @@ import gmapspring as gs
 from agents.commands.command import Command, add_json, number, print_json, say
 from agents.progress import ProgressReport
 from agents.table import print_table
+from envs.frames import STYLES
 from envs.library import load_scenes
+from envs.pixels import CHANNELS, PixelObservation
 from envs.resect import ResectEnv
 from envs.scene import Scene
 from envs.vector import ResectVectorEnv
@@ -106,8 +108,12 @@ def _measures() -> Iterator[Measure]:
     yield Measure("cut of a face, liver", "µs", N_CUTS, _cutting())
     yield Measure(f"step of Resect-v0, {SCENE}, one environment", "steps/s", N_ROWS, _playing())
     yield Measure(f"step of Resect-v0, {SCENE}, {N_ROWS} side by side", "steps/s", N_ROWS, _playing_many())
-    body = _liver(np.float64).body
-    yield Measure("frame of 480 x 480 pixels, liver", "ms", 1, lambda: render_body(body))
+    liver = _liver(np.float64).body
+    yield Measure("frame of 480 x 480 pixels, liver", "ms", 1, lambda: render_body(liver))
+    for style in STYLES:
+        yield Measure(f"frame of 480 x 480 pixels, {SCENE}, {style}", "ms", 1, _framing(style))
+    for mode in CHANNELS:
+        yield Measure(f"pixel observation of 84 x 84, {SCENE}, {mode}", "ms", 1, _picturing(mode))
 
 
 def _liver(dtype: Any) -> gs.Simulation:
@@ -167,6 +173,20 @@ def _playing_many() -> Callable[[], object]:
         envs.step((generator.random(masks.shape, np.float32) * masks).argmax(axis=1))
 
     return play
+
+
+def _framing(style: str) -> Callable[[], object]:
+    """Return what draws a frame of an episode."""
+    env = ResectEnv(_one_scene(), render_mode="rgb_array", render_style=style)
+    env.reset(seed=0)
+    return env.render
+
+
+def _picturing(mode: str) -> Callable[[], object]:
+    """Return what makes a picture of an observation."""
+    plain = ResectEnv(_one_scene())
+    pictured, (seen, _) = PixelObservation(plain, mode), plain.reset(seed=0)
+    return lambda: pictured.observation(seen)
 
 
 COMMAND = Command("tell how fast everything is on this machine", "bench --json", add_arguments, run)
