@@ -1,16 +1,19 @@
 """The page: a body in the browser, to be cut by hand, watched, and played back.
 
-It is served to this machine alone unless another host is named: whoever reaches it can cut and write recordings.
+It is served to this machine alone unless another host is named, and then pages of other sites cannot reach it through the
+browser either. Whoever reaches it can cut and write recordings.
 """
 
 import contextlib
 import errno
 import io
 import pathlib
+import re
 import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from agents.choice import DEFAULT_SCENE, home_of
@@ -21,6 +24,8 @@ from agents.session import Session, place_of_seed
 from envs.resect import ResectEnv
 from gmapspring.errors import ConfigError, GmapspringError
 
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""This machine's addresses of its own."""
 HOST, PORT = "127.0.0.1", 8080
 """Where the page is served unless told otherwise: to this machine alone."""
 SPLIT = "train"
@@ -84,7 +89,8 @@ def serve(options: ViewOptions, stop: threading.Event | None = None) -> int:
     session = open_session(options)
     with Interruption() as interruption, _serving(options) as server:
         page = Page(server, session, policies_of(session), options.recordings)
-        print(f"the page is http://{options.host}:{server.get_port()}; Ctrl-C ends it", flush=True)
+        host = f"[{options.host}]" if ":" in options.host else options.host
+        print(f"the page is http://{host}:{server.get_port()}; Ctrl-C ends it", flush=True)
         page.run(lambda: stop.is_set() or interruption.signal is not None)
     return 0
 
@@ -94,7 +100,7 @@ def _serving(options: ViewOptions) -> Iterator[Any]:
     """Run a server without pages of its own, and without its chatter."""
     import viser
 
-    with contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.redirect_stdout(io.StringIO()), _same_origin(options.host):
         server = viser.ViserServer(options.host, options.port, label="gmapspring", verbose=False)
     # Any browser may ask for a public address: nobody gets one.
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
@@ -108,12 +114,32 @@ def _serving(options: ViewOptions) -> Iterator[Any]:
             server.stop()
 
 
+@contextlib.contextmanager
+def _same_origin(host: str) -> Iterator[None]:
+    """Let servers that start meanwhile, if at this machine's own address, refuse what pages of other sites ask for."""
+    from websockets.asyncio import server as sockets
+
+    serve = sockets.serve
+    if host in LOOPBACK:
+        local = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
+        sockets.serve = partial(serve, origins=[None, local])  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        sockets.serve = serve  # type: ignore[misc]
+
+
 def open_session(options: ViewOptions) -> Session:
     """Return the session that is asked for."""
     if options.scene_seed is not None and options.index is not None:
         raise ConfigError("both a scene seed and an index choose a scene; give one of them")
     recording = read_recording(options.play) if options.play else None
-    env = ResectEnv(*_setting(options, recording))
+    try:
+        env = ResectEnv(*_setting(options, recording))
+    except ConfigError as error:
+        if recording is None or options.scene:
+            raise
+        raise ConfigError(f"{error}; {options.play} shows {recording.title}: name the file of that scene by --scene") from None
     split = options.split or (recording.split if recording else SPLIT)
     session = Session(env, split, options.policy or POLICY, options.seed)
     if recording is not None:

@@ -9,7 +9,7 @@ from agents.picking import Skin
 from envs.scene import Scene
 from envs.task import Resection
 from gmapspring.measure import tetrahedron_strains
-from gmapspring.render import HEAT
+from gmapspring.rendering import heat
 
 Array = np.ndarray[Any, Any]
 Color = tuple[int, int, int]
@@ -66,9 +66,8 @@ def paint_strain(task: Resection, skin: Skin) -> Paint:
 
 def heat_colors() -> list[Color]:
     """Return the colours of the heat map, from no strain to the limit."""
-    stops, places = np.linspace(0.0, 1.0, len(HEAT)), np.linspace(0.0, 1.0, N_HEAT)
-    channels = [np.interp(places, stops, channel) for channel in HEAT.T]
-    return [(int(red), int(green), int(blue)) for red, green, blue in np.rint(255.0 * np.transpose(channels)).tolist()]
+    colors = np.rint(255.0 * heat.heat_colors(np.linspace(0.0, 1.0, N_HEAT))).astype(int)
+    return [(red, green, blue) for red, green, blue in colors.tolist()]
 
 
 def legend(limit: float, *, is_heat: bool) -> str:

@@ -3,8 +3,10 @@
 Browsers only put commands into a queue. One thread takes them out, so that no two things happen to a body at once.
 """
 
+import itertools
 import pathlib
 import queue
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,12 +16,12 @@ import viser
 
 from agents.page_colors import legend, paint_strain, paint_tissue
 from agents.page_drawing import Drawing
-from agents.page_panel import CUT_FACES, REMOVE, WHOLE, Panel
+from agents.page_panel import CUT_FACES, PEELS, REMOVE, WHOLE, Panel
 from agents.page_readings import readings, status_of, title_of
 from agents.picking import action_corners, cuttable_edges, face_cut, hit, removal, skin_of
 from agents.recording import write_recording
 from agents.session import Session
-from gmapspring.errors import GmapspringError, TopologyError
+from gmapspring.errors import ConfigError, GmapspringError, TopologyError
 
 FRAME = 0.05
 """Time between two pictures of a moving body [s]."""
@@ -40,6 +42,7 @@ class Page:
         self._server, self._session, self._folder = server, session, folder
         self._asked: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._drawing = Drawing(server)
+        self._policies = policies
         self._panel = Panel(server, policies, session.policy_name, lambda *command: self._asked.put(command))
         self._hint: int | None = None
         self._going_on: Callable[[], None] | None = None
@@ -49,7 +52,7 @@ class Page:
             "click": self._click, "faces": self._set_click(CUT_FACES), "tetrahedra": self._set_click(REMOVE),
             "undo": lambda _: session.undo(), "redo": lambda _: self._redo(), "reset": lambda _: session.begin(session.index),
             "next": lambda _: session.next_scene(), "go to": session.go_to, "play back": self._play_back,
-            "policy": session.choose_policy, "hint": self._show_hint, "follow": self._follow, "play on": self._play_on,
+            "policy": self._choose_policy, "hint": self._show_hint, "follow": self._follow, "play on": self._play_on,
             "look": lambda _: None, "heat": self._flip("heat"), "pause": self._flip("pause"), "step": self._step,
             "save": self._save,
         }  # fmt: skip
@@ -77,6 +80,8 @@ class Page:
             self._commands[command](value)
         except (GmapspringError, OSError) as error:
             self._message = str(error)
+        except Exception as error:  # what a browser sends, or a policy does, must not end what others look at
+            self._message = f"{type(error).__name__}: {error}"
         # Sliders send more values than can be drawn: only the last is.
         if self._asked.empty() or command != "look":
             self._draw()
@@ -86,7 +91,7 @@ class Page:
         motion = self._session.motion
         if motion.is_moving and not self._panel.pause.value:
             # After a long command the body does not jump.
-            motion.advance(min(seconds, 2.0 * FRAME) / float(self._panel.slowness.value))
+            motion.advance(min(seconds, 2.0 * FRAME) / max(1.0, float(self._panel.slowness.value)))
             self._draw()
 
     def _go_on(self) -> None:
@@ -130,6 +135,12 @@ class Page:
             self._session.redo()
             self._session.show_settling()
 
+    def _choose_policy(self, name: str) -> None:
+        """Ask one of the policies of the list, and nobody else, whatever a browser says."""
+        if name not in self._policies:
+            raise ConfigError(f"there is no policy {name!r} here; choose one of the list")
+        self._session.choose_policy(name)
+
     def _show_hint(self, _: Any) -> None:
         """Show what the policy would do."""
         self._message = f"{self._session.policy_name} is thinking"
@@ -170,10 +181,7 @@ class Page:
     def _save(self, _: Any) -> None:
         """Write what was done to a file that is not there yet."""
         recording = self._session.recording()
-        stem = f"{recording.scene}-{recording.split}-{recording.scene_seed}"
-        number = 1
-        while (path := self._folder / f"{stem}-{number}.json").exists():
-            number += 1
+        path = new_file(self._folder, f"{recording.scene}-{recording.split}-{recording.scene_seed}")
         write_recording(path, recording)
         self._panel.show_saved(f"saved as {path}")
 
@@ -191,7 +199,7 @@ class Page:
         """Return the tetrahedra that are not peeled away, bool (n_tetrahedra,)."""
         mesh = self._session.scene.mesh
         side = self._panel.peel.value
-        if side == WHOLE:
+        if side == WHOLE or side not in PEELS:
             return np.ones(mesh.n_tetrahedra, dtype=bool)
         along = mesh.points[mesh.tetrahedra].mean(axis=1)[:, "xyz".index(side[-1])]
         share = (along - along.min()) / max(float(np.ptp(along)), 1e-12)
@@ -226,3 +234,18 @@ class Page:
     def _show_readings(self) -> None:
         """Bring the read-outs up to date."""
         self._panel.show(title_of(self._session), status_of(self._session, self._message), readings(self._session))
+
+
+def new_file(folder: pathlib.Path, name: str) -> pathlib.Path:
+    """Make an empty file that was not there yet, numbered, and return it: two pages never take the same."""
+    # A scene's name may be anything: what is neither a letter nor a digit must not lead out of the folder.
+    stem = re.sub(r"[^\w.]+", "-", name).strip(".-")
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        path = folder / f"{stem}-{number}.json"
+        try:
+            path.open("x").close()
+        except FileExistsError:
+            continue
+        return path
+    raise AssertionError("numbers do not end")

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from envs.action_table import action_table
+from envs.library import seeds_of
 from envs.scene import Scene
 from gmapspring.config import Config, check_config
 from gmapspring.errors import ConfigError, GmapspringError
@@ -105,7 +106,7 @@ def place_of(recording: Recording, scenes: Sequence[Scene], source: str) -> int:
     Raises:
         RecordingError: it is of none of them, of one that has changed since, or makes a cut that there is not.
     """
-    seeds = list(getattr(scenes, "seeds", None) or (scene.seed for scene in scenes))
+    seeds = seeds_of(scenes)
     if recording.scene_seed not in seeds:
         raise RecordingError(f"{source} shows {recording.title}, which is none of the {len(seeds)} scenes here")
     place = seeds.index(recording.scene_seed)

@@ -11,10 +11,9 @@ from PIL import Image
 from agents.choice import make_policy
 from agents.evaluation import Episode, evaluate
 from agents.run_record import Run
+from envs.frames import Frames
 from envs.resect import ResectEnv
 from gmapspring.errors import GmapspringError
-from gmapspring.render import render_body
-from gmapspring.rendering.camera import Camera
 
 SPLIT = "test"
 """Scenes that no run has learnt from, nor chosen its policy by."""
@@ -110,20 +109,21 @@ def film(played: Played, number: int, n_frames: int = N_FRAMES) -> list[tuple[by
     (scene, place), actions = played.places[number], played.actions[number]
     env = ResectEnv(scene, SPLIT, played.mask)
     env.reset(seed=0, options={"index": place})
-    camera = Camera.fit(env.scene.mesh.points, margin=1.35)
+    drawn = Frames(size=(FRAME, FRAME))
     wanted = set(np.linspace(0, len(actions), n_frames).round().astype(int).tolist())
-    frames = [(_frame(env, camera), "before the first cut")]
+    frames = [(_frame(env, drawn), "before the first cut")]
     for count, action in enumerate(actions, start=1):
+        drawn.note(env.task.simulation.body, action - env.task.table.n_faces)
         *_, info = env.step(action)
         if count in wanted:
             ending = f", the end: {info['reason']}" if count == len(actions) else ""
-            frames.append((_frame(env, camera), f"after cut {count}{ending}"))
+            frames.append((_frame(env, drawn), f"after cut {count}{ending}"))
     return frames
 
 
-def _frame(env: ResectEnv, camera: Camera) -> bytes:
+def _frame(env: ResectEnv, drawn: Frames) -> bytes:
     """Return a picture of the body as a small PNG file."""
-    picture = render_body(env.task.simulation.body, highlight=env.scene.target, camera=camera, size=(FRAME, FRAME))
+    picture = drawn.draw(env.scene, env.task.simulation.body, env.task.strain)
     stream = io.BytesIO()
     Image.fromarray(picture).quantize(N_COLORS).save(stream, "PNG", optimize=True)
     return stream.getvalue()

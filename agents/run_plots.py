@@ -88,7 +88,7 @@ def reasons_of(played: Sequence[Played]) -> list[str]:
 def outcomes(played: Sequence[Played]) -> str:
     """Return for each run a bar of how its episodes ended."""
     figure = _figure(1, 1, 0.9 + 0.32 * len(played))
-    panel, names = figure.axes[0], [one.label for one in played]
+    panel, names = figure.axes[0], [_plain(one.label) for one in played]
     left = np.zeros(len(played))
     reasons = reasons_of(played)
     for reason in reasons:
@@ -117,6 +117,11 @@ def _figure(n_rows: int, n_columns: int, height: float) -> Figure:
     return figure
 
 
+def _plain(name: str) -> str:
+    """Return a folder's name as matplotlib shows it letter by letter: no formula, and no hidden entry of a legend."""
+    return "\u200b" * name.startswith("_") + name.replace("$", r"\$")
+
+
 def _draw_groups(panel: Axes, groups: Sequence[Group], curve_of: Callable[[Run], tuple[Array, Array]]) -> None:
     """Draw each run thin and the median of each group thick; a run alone is as thick as a median."""
     for number, group in enumerate(groups):
@@ -124,7 +129,7 @@ def _draw_groups(panel: Axes, groups: Sequence[Group], curve_of: Callable[[Run],
         lines: Lines = [_thinned(*curve_of(run)) for run in group.runs]
         for at, values in lines if len(lines) > 1 else []:
             panel.plot(at, values, color=color, linewidth=0.8, alpha=0.65)
-        label = group.label
+        label = _plain(group.label)
         if len(lines) > 1:
             label += f", median of {len(lines)} seeds"
         middle = median_curve(lines) if len(lines) > 1 else lines[0]

@@ -87,7 +87,7 @@ def _opening(groups: Sequence[Group]) -> str:
     n_runs = sum(len(group.runs) for group in groups)
     if n_runs == 1:
         run = groups[0].runs[0]
-        return f"This page is generated from the folder `{run.folder}`; it needs no other file."
+        return f"This page is generated from the folder `{run.label}`; it needs no other file."
     names = "; ".join(f"{group.label} ({len(group.runs)})" for group in groups)
     return (
         f"This page compares {n_runs} runs of {len(groups)} configuration{'s' * (len(groups) > 1)}: {names}. Runs that differ "

@@ -9,6 +9,7 @@ from agents.choice import home_of, make_policy
 from agents.evaluation import Policy
 from agents.motion import Motion
 from agents.recording import Recording, RecordingError, fingerprint, place_of
+from envs.library import seeds_of
 from envs.resect import EpisodeState, ResectEnv
 from envs.scene import Scene
 from envs.task import Resection
@@ -243,7 +244,7 @@ class Session:
 
 def place_of_seed(env: ResectEnv, seed: int) -> int:
     """Return which of an environment's scenes has a seed, or raise `ConfigError`."""
-    seeds = list(getattr(env.scenes, "seeds", None) or (scene.seed for scene in env.scenes))
+    seeds = seeds_of(env.scenes)
     if seed not in seeds:
         near = min(seeds, key=lambda each: abs(each - seed))
         raise ConfigError(f"scene seed {seed} is none of the {len(seeds)} scenes here; the nearest is {near}")

@@ -77,9 +77,7 @@ def record_video(
     Raises:
         ConfigError: the file's kind is unknown or needs a package, there are no players, or too many.
     """
-    encode = encoder_of(path)
-    if not 1 <= len(players) <= MOST_PLAYERS:
-        raise ConfigError(f"a video shows 1 to {MOST_PLAYERS} policies side by side, not {len(players)}")
+    encode = check_video(path, len(players))
     pictures: list[Array] = []
     episodes = []
     for number, index in enumerate(indices):
@@ -167,6 +165,13 @@ def as_mp4(pictures: Sequence[Array]) -> bytes:
 
 ENCODERS: Mapping[str, Callable[[Sequence[Array]], bytes]] = {".gif": as_gif, ".webp": as_webp, ".mp4": as_mp4}
 """How videos are written, by the ending of their file."""
+
+
+def check_video(path: pathlib.Path, n_players: int) -> Callable[[Sequence[Array]], bytes]:
+    """Return what will write a video of so many policies, or raise `ConfigError` before anything is played."""
+    if not 1 <= n_players <= MOST_PLAYERS:
+        raise ConfigError(f"a video shows 1 to {MOST_PLAYERS} policies side by side, not {n_players}")
+    return encoder_of(path)
 
 
 def encoder_of(path: pathlib.Path) -> Callable[[Sequence[Array]], bytes]:

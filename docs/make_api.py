@@ -13,7 +13,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "api.md"
 
 ENVS = (
-    "envs.resect.ResectEnv", "envs.vector.ResectVectorEnv", "envs.wrappers.FlatObservation", "envs.scene.Scene",
+    "envs.resect.ResectEnv", "envs.resect.EpisodeState", "envs.pixels.PixelObservation", "envs.frames.Frames",
+    "envs.vector.ResectVectorEnv", "envs.wrappers.FlatObservation", "envs.scene.Scene",
     "envs.scene.Certificate", "envs.scene.build_scene", "envs.library.load_scenes", "envs.library.load_scene_config",
     "envs.library.shipped_scenes", "envs.certify.certify", "envs.task.Resection", "envs.rewards.RewardTerm",
     "envs.rewards.Transition", "envs.scene_config.SceneConfig",
@@ -23,10 +24,13 @@ AGENTS = (
     "agents.evaluation.Episode", "agents.evaluation.Summary", "agents.scripted.ScriptedPolicy", "agents.scripted.Situation",
     "agents.shield.ShieldedPolicy", "agents.search.SearchPolicy", "agents.vector_face.ResectVecEnv",
     "agents.training_config.TrainingConfig", "agents.training.Trainer", "agents.checkpoint.load_policy",
-    "agents.run_report.write_run_report", "agents.report.write_report",
+    "agents.video.record_video", "agents.video.Player", "agents.recording.Recording", "agents.recording.read_recording",
+    "agents.recording.write_recording", "agents.run_report.write_run_report", "agents.report.write_report",
 )  # fmt: skip
 """What other programs may build on."""
-DRAWING = ("gmapspring.render.render_body", "gmapspring.render.Style", "gmapspring.rendering.camera.Camera")
+DRAWING = ("gmapspring.render.render_body", "gmapspring.render.render_surface", "gmapspring.render.see_faces",
+           "gmapspring.render.pick_faces", "gmapspring.render.Sight", "gmapspring.render.Style",
+           "gmapspring.rendering.camera.Camera")
 
 HEAD = """# Public names
 

@@ -12,12 +12,11 @@ from envs.surface import surface_of
 from gmapspring.body import Body
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
-from gmapspring.mesh_checks import paired_faces
 from gmapspring.render import draw, see_triangles
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.heat import stamp_legend
 from gmapspring.rendering.pieces import Moment, joined, moment_of, piece_surface
-from gmapspring.rendering.skin import Surface, body_surface
+from gmapspring.rendering.skin import Surface, body_surface, outside
 from gmapspring.rendering.style import Style
 from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
@@ -158,9 +157,6 @@ def _view(scene: Scene) -> tuple[float, float]:
 
 def _bare_faces(scene: Scene) -> tuple[Array, Array]:
     """Return tetrahedron (n,) and points (n, 3), counter-clockwise from outside, of the bare faces of the uncut mesh."""
-    mesh = scene.mesh
-    is_bare = np.ones(4 * mesh.n_tetrahedra, dtype=bool)
-    is_bare[np.concatenate(paired_faces(mesh.tetrahedra, mesh.n_points))] = False
-    slots = np.flatnonzero(is_bare)
+    mesh, slots = scene.mesh, np.flatnonzero(outside(scene.mesh))
     corners = OUTWARD_FACE_CORNERS[slots % 4]
     return slots // 4, mesh.tetrahedra[slots[:, None] // 4, corners].astype(np.int32)

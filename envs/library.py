@@ -71,6 +71,11 @@ class SceneSet(Sequence[Scene]):
         return build_scene(self.config, self.seeds[index], self._certificates[index])
 
 
+def seeds_of(scenes: Sequence[Scene]) -> list[int]:
+    """Return the seeds of scenes, without building those that are built only when they are asked for."""
+    return scenes.seeds if isinstance(scenes, SceneSet) else [scene.seed for scene in scenes]
+
+
 def shipped_scenes() -> list[str]:
     """Return the names of the shipped scene configurations."""
     return sorted(path.stem for path in (configs_folder() / "scenes").glob("*.yaml"))

@@ -58,6 +58,11 @@ class PixelObservation(gym.ObservationWrapper[Array, Any, dict[str, Array]], Rec
         self.mode, self.size = mode, (size, size)
         self.observation_space = spaces.Box(0, 255, (size, size, CHANNELS[mode]), np.uint8)
 
+    def action_masks(self) -> Array:
+        """Return the legal actions, bool (n_actions,), as MaskablePPO asks for them."""
+        masks: Array = self.env.get_wrapper_attr("action_masks")()
+        return masks
+
     def observation(self, observation: dict[str, Array]) -> Array:
         """Return the picture of the body as it is now."""
         task: Resection = self.unwrapped.task  # type: ignore[attr-defined]

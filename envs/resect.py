@@ -185,6 +185,8 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             raise StateFileError(f"the state is of scene {state.scene.name!r}, seed {state.scene.seed}, which is not played now")
         self.task.load_state(state.task)
         self._mask, self._has_ended = state.mask.copy(), state.has_ended
+        self._frames.forget()
+        self._show()
         return self._observe()
 
     def action_masks(self) -> Array:

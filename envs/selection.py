@@ -8,6 +8,7 @@ import numpy as np
 
 from envs.action_table import action_table
 from envs.calibrate import recalibrated
+from envs.library import seeds_of
 from envs.scene import Scene
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError
@@ -72,11 +73,9 @@ def _chosen(scenes: Sequence[Scene], drawn: int, options: Mapping[str, Any]) -> 
             raise ConfigError(f"options.scene is {options['scene']!r}; give an envs.scene.Scene")
         return Selection(options["scene"], -1)
     if "scene_seed" in options:
-        seeds = list(getattr(scenes, "seeds", None) or (scene.seed for scene in scenes))
+        seeds = seeds_of(scenes)
         if options["scene_seed"] not in seeds:
-            raise ConfigError(
-                f"options.scene_seed = {options['scene_seed']!r} is none of the {len(seeds)} scenes here"
-            )
+            raise ConfigError(f"options.scene_seed = {options['scene_seed']!r} is none of the {len(seeds)} scenes here")
         return Selection(None, seeds.index(options["scene_seed"]))
     index = options.get("index", drawn)
     if isinstance(index, bool) or not isinstance(index, int | np.integer) or not 0 <= index < len(scenes):

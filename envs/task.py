@@ -142,10 +142,7 @@ class Resection:
 
         Sets `outcome`: None, "separated" or a collapse.
         """
-        if seconds is None:
-            self._settle_for(self.scene.physics.settle_seconds, self.rest_tolerance)
-        else:
-            self._settle_for(seconds)
+        self._settle_for(self.scene.physics.settle_seconds if seconds is None else seconds, self.rest_tolerance)
         self._judge()
 
     @property

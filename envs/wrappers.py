@@ -28,6 +28,11 @@ class FlatObservation(gym.ObservationWrapper[Array, int, dict[str, Array]], Reco
             dtype=np.float32,
         )
 
+    def action_masks(self) -> Array:
+        """Return the legal actions, bool (n_actions,), as MaskablePPO asks for them."""
+        masks: Array = self.env.get_wrapper_attr("action_masks")()
+        return masks
+
     def observation(self, observation: dict[str, Array]) -> Array:
         """Return the parts as one vector, float32."""
         return np.concatenate([observation[part].ravel() for part in self.parts], dtype=np.float32)

@@ -11,7 +11,7 @@ from agents.evaluation import Episode, Estimate, Policy, Summary, episodes_as_cs
 from agents.progress import ProgressReport
 from agents.scripted import POLICIES
 from agents.table import HEADERS, print_table, summary_rows
-from agents.video import Player, encoder_of, record_video
+from agents.video import Player, check_video, record_video
 from envs.resect import ResectEnv
 from gmapspring.errors import ConfigError
 from gmapspring.paths import write_atomically
@@ -37,7 +37,7 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
     if parsed.out and parsed.out.is_dir():
         raise ConfigError(f"--out {parsed.out} is a folder; give the name of a file")
     if parsed.video:
-        encoder_of(parsed.video)
+        check_video(parsed.video, len(set(parsed.policies)))
     # All are made before the first plays: what is wrong with the last is then known at once.
     players = {name: _player(name, parsed) for name in parsed.policies}
     with ProgressReport(say(parsed), "evaluating") as report:
@@ -45,17 +45,22 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
     if parsed.out:
         parsed.out.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(parsed.out, episodes_as_csv(sum(played.values(), [])).encode())
-    if parsed.video:
-        # Made anew: what a policy draws by chance in the film is then what it drew before.
-        filmed = [Player(name, *_player(name, parsed)) for name in parsed.policies]
-        record_video(filmed, parsed.video, range(parsed.video_episodes), parsed.seed)
-        say(parsed).print(f"the film is {parsed.video}", highlight=False, soft_wrap=True)
     summaries = [summarise(episodes) for episodes in played.values()]
     if parsed.json:
         print_json([_as_numbers(summary) for summary in summaries])
     else:
         print_table(console, f"{parsed.split} scenes", HEADERS, summary_rows(summaries))
+    if parsed.video:
+        _film(list(players), parsed)
     return 0
+
+
+def _film(names: list[str], parsed: argparse.Namespace) -> None:
+    """Film the first scenes; those who play are made anew, so that they draw by chance what they drew before."""
+    players = [Player(name, *_player(name, parsed)) for name in names]
+    n_scenes = min(len(player.env.scenes) for player in players)
+    record_video(players, parsed.video, [number % n_scenes for number in range(parsed.video_episodes)], parsed.seed)
+    say(parsed).print(f"the film is {parsed.video}", highlight=False, soft_wrap=True)
 
 
 def _player(name: str, parsed: argparse.Namespace) -> tuple[Policy, ResectEnv]:

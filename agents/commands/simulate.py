@@ -49,7 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"cut along the border of a part: {part}; or a face, as 3-8, between two tetrahedra")  # fmt: skip
     parser.add_argument("--remove", action="append", default=[], metavar="PART[@SECONDS]", help="take a part out")
     parser.add_argument("--pin", metavar="PART", help="hold points: a point region, a half space, or numbers [anchor, if any]")
-    parser.add_argument("--gravity", type=_vector, default=(0.0, 0.0, -9.81), metavar="X,Y,Z", help="[0,0,-9.81 m/s^2]")
+    parser.add_argument("--gravity", nargs=3, type=float, default=(0.0, 0.0, -9.81), metavar=("X", "Y", "Z"),
+                        help="[0 0 -9.81 m/s^2]")  # fmt: skip
     add_material(parser)
     parser.add_argument("--integrator", help=f"{', '.join(sorted(INTEGRATORS))} [rk4]")
     parser.add_argument("--seconds", type=number, default=1.0, help="time to simulate [1]")
@@ -164,21 +165,10 @@ def _write_rows(path: pathlib.Path, rows: list[dict[str, float]]) -> None:
     write_atomically(path, stream.getvalue().encode())
 
 
-def _vector(text: str) -> tuple[float, ...]:
-    """Return three numbers parted by commas."""
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if len(values) != 3 or not np.isfinite(values).all():
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers such as 0,0,-9.81")
-    return values
-
-
 COMMAND = Command(
     "let a body move, cut it on the way, and write a series for ParaView",
     "simulate liver --cut tumour@0.2 --seconds 0.5 --out runs/simulation/liver.vtu\n"
-    "simulate body.msh --pin 'z<0.01' --cut 12-57@0.1 --remove 'x>0.2@0.3' --gravity 0,0,-9.81",
+    "simulate body.msh --pin 'z<0.01' --cut 12-57@0.1 --remove 'x>0.2@0.3' --gravity -1 0 -9.81",
     add_arguments,
     run,
 )

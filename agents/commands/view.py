@@ -34,7 +34,7 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
 
 COMMAND = Command(
     "cut a body in the browser, see what policies would do, play episodes back, record your own",
-    "view --scene liver\nview --policy runs/box-108/best.zip\nview --play runs/recordings/episode.json --port 0",
+    "view --scene liver\nview --policy runs/box-108/best.zip\nview --play runs/recordings/box-108-train-0-1.json --port 0",
     add_arguments,
     run,
 )

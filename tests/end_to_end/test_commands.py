@@ -105,7 +105,7 @@ def test_an_error_is_one_line_and_exit_code_1(arguments, words, capsys, tmp_path
 @pytest.mark.parametrize(
     "arguments",
     [["mesh"], ["mesh", "inform", "liver"], ["simulate"], ["simulate", "liver", "--seconds", "-1"],
-     ["simulate", "liver", "--gravity", "1,2"], ["simulate", "liver", "--frames", "0"], ["bench", "--seconds", "x"],
+     ["simulate", "liver", "--gravity", "1", "2"], ["simulate", "liver", "--frames", "0"], ["bench", "--seconds", "x"],
      ["certify", "box-48", "--jobs", "0"]],
     ids=" ".join,
 )  # fmt: skip

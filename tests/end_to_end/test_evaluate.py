@@ -12,6 +12,7 @@ from rich.console import Console
 
 from agents.command_line import main
 from agents.demo_cut import amounts, choose_cuts, conservation_rows, cut_liver, own_share
+from agents.scripted import POLICIES
 from agents.video import SIDE
 from gmapspring import Material, Simulation, meshes
 
@@ -77,6 +78,7 @@ def test_the_same_seed_gives_the_same_episodes(tmp_path, capsys):
         (["evaluate", "random", "--mask", "focsu"], ["focsu", "did you mean 'focus'"]),
         (["evaluate", "random", "--scene", "box-48", "--episodes", 1, "--out", "/dev/null/x.csv"], ["/dev/null"]),
         (["evaluate", "random", "--out", "."], ["--out .", "is a folder"]),
+        (["evaluate", *list(POLICIES)[:5], "--video", "x.gif"], ["1 to 4", "not 5"]),
         (["evaluate", "random", "--video", "film.gfi"], ["film.gfi", "did you mean '.gif'"]),
     ],
     ids=lambda part: " ".join(map(str, part)),

@@ -152,3 +152,16 @@ def test_with_a_display_each_reset_and_step_shows_its_frame(monkeypatch):
     env.step(1)
     assert len(shown) == 2
     env.close()
+
+
+def test_a_state_that_is_gone_back_to_looks_as_it_did():
+    env = ResectEnv(SCENE, render_mode="rgb_array")
+    env.reset(seed=0)
+    for action in SCENE.certificate.order[:-1]:
+        env.step(action)
+    before, state = env.render(), env.save_state()
+    env.step(SCENE.certificate.order[-1])
+    freed = env.render()
+    assert not np.array_equal(freed, before)
+    env.load_state(state)
+    np.testing.assert_array_equal(env.render(), before)

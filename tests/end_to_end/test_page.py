@@ -15,6 +15,7 @@ viser = pytest.importorskip("viser")
 playwright = pytest.importorskip("playwright.sync_api")
 
 from agents.page import PageError, ViewOptions, serve  # noqa: E402
+from agents.page_loop import new_file  # noqa: E402
 from agents.recording import read_recording  # noqa: E402
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -113,6 +114,25 @@ def test_a_body_is_cut_by_a_click_brought_back_and_recorded(tmp_path):
 
 
 # Without a browser ------------------------------------------------------------------------------------------------
+
+
+def test_pages_of_other_sites_are_refused():
+    connect = pytest.importorskip("websockets.sync.client").connect
+    refused = pytest.importorskip("websockets.exceptions").InvalidStatus
+    with served() as (address, _):
+        socket_address, protocol = address.replace("http", "ws"), f"viser-v{viser.__version__}"
+        with connect(socket_address, origin=address, subprotocols=[protocol]):
+            pass
+        with pytest.raises(refused, match="403"):
+            connect(socket_address, origin="http://elsewhere.example", subprotocols=[protocol])
+
+
+@pytest.mark.parametrize("name", ["../../outside/x", "box-48", ". .", "a/b"])
+def test_a_recording_lies_in_its_folder_whatever_the_scene_is_called(name, tmp_path):
+    folder = tmp_path / "recordings"
+    for number in (1, 2):
+        path = new_file(folder, name)
+        assert path.parent == folder and path.name.endswith(f"-{number}.json") and path.exists()
 
 
 def test_a_port_in_use_is_one_clear_error():

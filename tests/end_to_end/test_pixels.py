@@ -46,6 +46,13 @@ def test_depth_is_that_of_the_faces_in_front():
     np.testing.assert_allclose(depth, nearest[is_seen], atol=0.51 * camera.distance / 254.0)
 
 
+def test_a_wrapped_environment_tells_what_is_legal():
+    plain = ResectEnv(SCENE)
+    env = PixelObservation(plain)
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.action_masks(), plain.action_masks())
+
+
 def test_depths_beyond_the_range_end_at_its_ends():
     camera = camera_of(SCENE)
     depth = np.array([0.0, 0.5, 1.0, 1.5, 9.0, np.inf]) * camera.distance
