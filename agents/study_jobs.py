@@ -109,7 +109,8 @@ def _training(row: Row, seed: int, folder: pathlib.Path) -> Job:
     if start:
         arguments += ["--start-from", str(start / "best.zip")]
     facts = {"config": config.model_dump(mode="json"), "scenes": [_facts_of(scene) for scene in config.scenes]}
-    files = (*_files_of(config.scenes), *((start / "best.zip",) if start else ()))
+    recordings = config.warm_start.recordings or () if config.warm_start else ()
+    files = (*_files_of(config.scenes), *map(pathlib.Path, recordings), *((start / "best.zip",) if start else ()))
     needs, seconds = f"{row.start_from}/seed-{seed}" if start else None, config.stop.cpu_seconds or USUAL_SECONDS
     return Job(row.name, seed, None, tuple(arguments), place / "best.zip", place, facts, files, needs, seconds)
 

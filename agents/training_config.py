@@ -10,8 +10,10 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    SerializerFunctionWrapHandler,
     ValidationInfo,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -97,6 +99,11 @@ class WarmStart(Config):
     recordings: list[str] | None = None
     """Episodes to be cloned beside the certificates, as `gmapspring view` records them: files; relative paths start at the
     folder of the configuration. Each must free the target of a training scene."""
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave recordings out where there are none: runs are told apart by what is in their configuration."""
+        return {name: value for name, value in dump(self).items() if name != "recordings" or value}
 
     @field_validator("recordings")
     @classmethod
