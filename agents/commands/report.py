@@ -26,6 +26,9 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
     studies = [folder for folder in parsed.folders if (folder / STUDY_FILE).is_file()]
     if studies and len(parsed.folders) > 1:
         raise ConfigError(f"{studies[0]} holds a study, which has a page of its own: give it alone, or leave it out")
+    for folder in parsed.folders:
+        if not studies and not (folder / "config.yaml").is_file():
+            raise ConfigError(f"{folder} holds no study and no training run; give the --out of gmapspring study or train")
     path = _study_page(parsed) if studies else _run_page(parsed, console)
     console.print(f"the page is {path}", highlight=False, soft_wrap=True)
     return 0

@@ -13,10 +13,12 @@ WRITTEN = ("tutorial.md", "extending.md", "map.md", "api.md")
 EXTENDING = sections_of(read_page("docs/extending.md"))
 CHANGE_KERNELS = ("A cut operation", "An integrator", "A force")
 """Sections that need a copy of the packages: kernels of the repository that are compiled already would not see the change."""
-OTHERS = [name for name, text in EXTENDING.items() if blocks_of(text) and name not in CHANGE_KERNELS]
+SLOW = {"A scene": pytest.mark.slow}
+"""What certifies a scene."""
+OTHERS = [pytest.param(name, marks=SLOW.get(name, ())) for name, text in EXTENDING.items() if blocks_of(text) and name not in CHANGE_KERNELS]
 
 
-@pytest.mark.parametrize("page", ["tutorial.md", "map.md"])
+@pytest.mark.parametrize("page", [pytest.param("tutorial.md", marks=pytest.mark.slow), "map.md"])
 def test_the_code_of_the_page_runs_and_prints_what_it_says(page, tmp_path):
     blocks = blocks_of(read_page(f"docs/{page}"))
     assert len([block for block in blocks if block.output]) >= 3

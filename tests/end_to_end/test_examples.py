@@ -12,6 +12,8 @@ import pytest
 from tests.documentation import REPOSITORY
 
 EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
+SLOW = {"own_scene": pytest.mark.slow}
+"""What certifies a scene."""
 
 
 def said_output(path):
@@ -20,7 +22,7 @@ def said_output(path):
     return textwrap.dedent(docstring.partition("Prints:\n")[2]).strip() + "\n"
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [pytest.param(path, marks=SLOW.get(path.stem, ()), id=path.stem) for path in EXAMPLES])
 def test_the_example_prints_what_it_says(path, tmp_path):
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
     run = subprocess.run([sys.executable, str(path)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
