@@ -15,7 +15,8 @@ CHANGE_KERNELS = ("A cut operation", "An integrator", "A force")
 """Sections that need a copy of the packages: kernels of the repository that are compiled already would not see the change."""
 SLOW = {"A scene": pytest.mark.slow}
 """What certifies a scene."""
-OTHERS = [pytest.param(name, marks=SLOW.get(name, ())) for name, text in EXTENDING.items() if blocks_of(text) and name not in CHANGE_KERNELS]
+OTHERS = [pytest.param(name, marks=SLOW.get(name, ())) for name, text in EXTENDING.items()
+          if blocks_of(text) and name not in CHANGE_KERNELS]  # fmt: skip
 
 
 @pytest.mark.parametrize("page", [pytest.param("tutorial.md", marks=pytest.mark.slow), "map.md"])
