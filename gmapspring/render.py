@@ -112,41 +112,41 @@ def draw_with_depth(
     surface: Surface, camera: Camera, size: tuple[int, int], style: Style | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Draw a surface and return the picture and depths [m], (height, width): of each pixel's samples the nearest, or infinite."""
-    picture, nearness = _drawn(surface, camera, size, style or Style())
-    rows = np.max([nearness[row::SAMPLES] for row in range(SAMPLES)], axis=0)
-    nearest = np.max([rows[:, column::SAMPLES] for column in range(SAMPLES)], axis=0)
-    depth = np.full(nearest.shape, np.inf, np.float32)
-    return picture, np.divide(np.float32(1.0), nearest, out=depth, where=nearest > 0.0)
+    picture, nearness, window = _drawn(surface, camera, size, style or Style())
+    depth = np.full(picture.shape[:2], np.inf, np.float32)
+    raster.find_depths(nearness, SAMPLES, depth[window.rows, window.columns])
+    return picture, depth
 
 
 def _drawn(
     surface: Surface, camera: Camera, size: tuple[int, int], style: Style
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the picture of a surface, and one over the depth of each sample."""
-    width, height = size
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], raster.Window]:
+    """Return the picture of a surface, the window of it where there is something, and one over the depth of its samples."""
     screen = camera.project(surface.points, size)
     # Snapped as the z-buffer will: a triangle that it draws then has an area above zero here too.
     fine = SAMPLES * raster.SUBSAMPLES
     screen[:, :2] = np.floor(screen[:, :2] * fine + 0.5) / fine
+    # Nothing is drawn outside the window, and from here on the picture begins at its corner.
+    window = raster.find_window(screen, size, painting.SQUARE // SAMPLES)
+    screen[:, :2] -= window.left, window.top
     nearness, owner = raster.rasterise(
-        screen * (SAMPLES, SAMPLES, 1.0), surface.triangles, (SAMPLES * width, SAMPLES * height), surface.is_closed
+        screen * (SAMPLES, SAMPLES, 1.0), surface.triangles, (SAMPLES * window.width, SAMPLES * window.height), surface.is_closed
     )
     colors = np.clip(np.nan_to_num(surface.colors), 0.0, 1.0) ** 2
     if colors.ndim == 2:
         colors = np.repeat(colors[:, None], 3, axis=1)
     drawing = shading.Drawing(screen, surface.triangles, camera.turn(surface.normals), colors)
-    eye = (0.5 * width, 0.5 * height, 1.0 / camera.focal_length(size))
+    eye = (0.5 * size[0] - window.left, 0.5 * size[1] - window.top, 1.0 / camera.focal_length(size))
     look = shading.Look(float(style.gloss), float(style.wire), float(style.occlusion), eye)
     plan = np.empty((len(surface.triangles), shading.N_PLAN))
     shading.make_plan(drawing, look, surface.is_closed, plan)
     openness = np.ones([-(-n // painting.CELL) for n in owner.shape], np.float32)
     if style.occlusion > 0.0:
-        reach, focal = OCCLUSION_REACH * camera.distance, SAMPLES / painting.CELL / eye[2]
-        painting.occlude(nearness, owner, drawing.normals.mean(axis=1), focal, reach, openness)
-    picture = np.empty((height, width, 3), np.uint8)
+        painting.occlude(nearness, owner, drawing.normals.mean(axis=1), look, OCCLUSION_REACH * camera.distance, openness)
+    picture = np.empty((size[1], size[0], 3), np.uint8)
     background = np.array(style.background, dtype=np.float64) ** 2
-    painting.paint(plan, owner, openness, look, background, picture.reshape(height, 3 * width))
-    return picture, nearness
+    painting.paint(plan, owner, openness, look, background, window, picture.reshape(size[1], 3 * size[0]))
+    return picture, nearness, window
 
 
 def _camera_of(body: Body, size: tuple[int, int]) -> Camera:

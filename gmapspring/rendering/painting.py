@@ -7,6 +7,12 @@ from gmapspring.jit import kernel
 CELL = 4
 """Samples along a side of the cells on which contact shadows are found."""
 
+PIXELS = CELL / 2
+"""The same in pixels."""
+
+SQUARE = 2 * CELL
+"""The same of a square of four cells, which look at other places each: where windows begin, so that they show what the whole would."""
+
 LARGEST_RADIUS = 64.0
 """Reach of contact shadows on the picture [cells], however near the eye comes."""
 
@@ -84,25 +90,27 @@ def _smooth(rough, depths, reach, out):
 
 
 @kernel
-def occlude(nearness, owner, normals, focal, reach, out):
+def occlude(nearness, owner, normals, look, reach, out):
     """Write to each cell of CELL by CELL samples how open its surroundings are, 1 open to 0 shut.
 
     A neighbour within `reach` [m] that stands above the tangent plane takes light away, the more the steeper it stands
-    (after Bavoil and Sainz, 2009). focal is in cells; normals (n_triangles, 3) are as the eye sees them.
+    (after Bavoil and Sainz, 2009). normals (n_triangles, 3) are as the eye sees them.
     """
     height, width = out.shape
     depths, rough = np.empty((height, width), np.float32), np.ones((height, width), np.float32)
     _find_depths(nearness, depths)
+    # Lengths of the lens, in cells.
+    middle_x, middle_y, focal = look.eye[0] / PIXELS, look.eye[1] / PIXELS, 1.0 / (look.eye[2] * PIXELS)
     per_cell, fade = 1.0 / focal, 0.25 / (reach * reach)
     for row in range(height):
         source = min(row * CELL + CELL // 2, owner.shape[0] - 1)
-        y = (0.5 * height - row) * per_cell
+        y = (middle_y - row) * per_cell
         for column in range(width):
             depth, shut = np.float64(depths[row, column]), 0.0
             if depth == np.inf:
                 continue
             t = owner[source, min(column * CELL + CELL // 2, owner.shape[1] - 1)]
-            n0, n1, x = normals[t, 0], normals[t, 1], (column - 0.5 * width) * per_cell
+            n0, n1, x = normals[t, 0], normals[t, 1], (column - middle_x) * per_cell
             # A neighbour at x', y', depth' is d = (x' depth' - x depth, y' depth' - y depth, depth - depth') away.
             along = n0 * x + n1 * y - normals[t, 2]
             radius, deal = min(reach * focal / depth, LARGEST_RADIUS), 2 * (row & 1) + (column & 1)
@@ -237,18 +245,39 @@ def _blend(plan, triangles, places, shades, n, look, sky, line):
 
 
 @kernel
-def paint(plan, owner, grid, look, background, out):
+def _to_bytes(light):
+    """Return a part of squared light as a byte; the square root is close to the curve of a screen, and exact everywhere."""
+    return np.uint8(np.float32(255.0) * np.sqrt(min(np.float32(1.0), max(np.float32(0.0), light))) + np.float32(0.5))
+
+
+@kernel
+def _fill_sky(sky, first, last, pixels):
+    """Write the colour of the background to some columns of a row of the picture."""
+    red, green, blue = _to_bytes(np.float32(sky[0])), _to_bytes(np.float32(sky[1])), _to_bytes(np.float32(sky[2]))
+    for column in range(first, last):
+        pixels[3 * column], pixels[3 * column + 1], pixels[3 * column + 2] = red, green, blue
+
+
+@kernel
+def paint(plan, owner, grid, look, background, window, out):
     """Write the picture (height, 3 * width) uint8: each triangle seen in a pixel is lit once, where it is seen.
 
-    owner has two by two samples per pixel; background (2, 3) holds the top and bottom colour, squared.
+    owner has two by two samples per pixel of the window, outside which there is nothing; background (2, 3) holds the top and
+    bottom colour, squared.
     """
-    height, width = out.shape[0], out.shape[1] // 3
+    height, width = out.shape[0], owner.shape[1] // 2
     runs, triangles, places = np.empty((width, 3), np.int64), np.empty(4 * width, np.int32), np.empty((4 * width, 3))
     shades, mixed = np.ones(width, np.float32), np.empty(grid.shape[1], np.float32)
     line, levels = np.empty((3, width), np.float32), np.empty((3, width), np.uint8)
-    for row in range(height):
-        down = (row + 0.5) / height
+    for y in range(height):
+        down = (y + 0.5) / height
         sky = (1.0 - down) * background[0] + down * background[1]
+        if y < window.top or y >= window.bottom:
+            _fill_sky(sky, 0, out.shape[1] // 3, out[y])
+            continue
+        _fill_sky(sky, 0, window.left, out[y])
+        _fill_sky(sky, window.right, out.shape[1] // 3, out[y])
+        row = y - window.top
         for i in range(3):
             line[i] = sky[i]
         n_runs, n = _collect(owner, row, runs, triangles, places)
@@ -261,10 +290,8 @@ def paint(plan, owner, grid, look, background, out):
         _blend(plan, triangles, places, shades, n, look, (sky[0], sky[1], sky[2]), line)
         for i in range(3):
             for column in range(width):
-                # The square root is close to the curve of a screen, and exact everywhere.
-                light = min(np.float32(1.0), max(np.float32(0.0), line[i, column]))
-                levels[i, column] = np.uint8(np.float32(255.0) * np.sqrt(light) + np.float32(0.5))
-        pixels = out[row]
+                levels[i, column] = _to_bytes(line[i, column])
+        pixels = out[y, 3 * window.left : 3 * window.right]
         for column in range(width):
             for i in range(3):
                 pixels[3 * column + i] = levels[i, column]

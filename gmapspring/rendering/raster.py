@@ -5,6 +5,7 @@ triangles that share an edge cover each sample along it exactly once, whatever t
 """
 
 import threading
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,53 @@ from gmapspring.jit import kernel
 BACKGROUND = -1
 SUBSAMPLES = 256
 LARGEST_COORDINATE = 1 << 20  # [samples]: products of snapped coordinates stay far below 2**63
+
+
+class Window(NamedTuple):
+    """A part of a picture [pixels]; the right column and the bottom row lie just outside."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def width(self) -> int:
+        """Return the number of columns."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        """Return the number of rows."""
+        return self.bottom - self.top
+
+    @property
+    def rows(self) -> slice:
+        """Return the rows, as they are taken from a picture."""
+        return slice(self.top, self.bottom)
+
+    @property
+    def columns(self) -> slice:
+        """Return the columns, likewise."""
+        return slice(self.left, self.right)
+
+
+def find_window(screen: NDArray[np.float64], size: tuple[int, int], grid: int) -> Window:
+    """Return the part of a picture in which all that can be drawn lies, with room for one cell of a grid around it.
+
+    screen (n, 3) holds x, y [pixels] and one over the depth; size is (width, height), grid the side of a cell [pixels]. A window
+    begins at a corner of a cell. Where there is nothing to draw it holds the first cell: no part is empty.
+    """
+    is_drawable = (screen[:, 2] > 0.0) & (np.abs(screen[:, :2]) < LARGEST_COORDINATE).all(axis=1)
+    places = screen[is_drawable, :2]
+    if not len(places):
+        return Window(0, 0, min(grid, size[0]), min(grid, size[1]))
+    sides = []
+    for low, high, length in zip(places.min(axis=0), places.max(axis=0), size, strict=True):
+        first = min(max(int(low) // grid - 1, 0), (length - 1) // grid)
+        sides.append((grid * first, min(max(grid * (int(high) // grid + 2), grid * (first + 1)), length)))
+    (left, right), (top, bottom) = sides
+    return Window(left, top, right, bottom)
 
 
 @kernel
@@ -117,13 +165,24 @@ def rasterise(
     return nearness, owner
 
 
+@kernel
+def find_depths(nearness, samples, out):
+    """Write the depth [m] of the nearest of each pixel's samples, infinite where nothing is seen, (height, width)."""
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            near = np.float32(0.0)
+            for i in range(samples):
+                for j in range(samples):
+                    near = max(near, nearness[samples * row + i, samples * column + j])
+            out[row, column] = np.float32(1.0) / near if near > 0.0 else np.float32(np.inf)
+
+
 _LAST = threading.local()
 
 
 def _buffers(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return the thread's arrays of a shape, kept from its last call: fresh memory costs more time than the drawing."""
-    if getattr(_LAST, "shape", None) != shape:
-        _LAST.arrays = np.empty(shape, np.float32), np.empty(shape, np.int32)
-        _LAST.shape = shape
-    nearness, owner = _LAST.arrays
-    return nearness, owner
+    """Return arrays of a shape from the thread's own, kept from its last calls: fresh memory costs more time than the drawing."""
+    n = shape[0] * shape[1]
+    if len(getattr(_LAST, "nearness", ())) < n:
+        _LAST.nearness, _LAST.owner = np.empty(n, np.float32), np.empty(n, np.int32)
+    return _LAST.nearness[:n].reshape(shape), _LAST.owner[:n].reshape(shape)

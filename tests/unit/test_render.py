@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gmapspring import Material, Simulation, meshes, render
+from gmapspring.rendering import raster
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.heat import ticks
 from gmapspring.rendering.pieces import moment_of, piece_surface
@@ -218,6 +219,25 @@ def test_a_picture_is_the_same_bytes_every_time():
 def test_an_odd_size_can_be_drawn():
     for size in ((1, 1), (2, 3), (7, 5)):
         assert render.render_body(simulation().body, size=size).shape == (size[1], size[0], 3)
+
+
+@pytest.mark.parametrize("size", [(48, 32), (97, 61), (7, 5), (1, 1)])
+def test_drawing_only_where_the_body_is_changes_no_pixel(size, monkeypatch):
+    body = opened()
+    surface = render.body_surface(body)
+    fitted = Camera.fit(body.nodes.position, aspect=size[0] / size[1])
+    aside = tuple(np.array(fitted.target) + (2.0, 0.5, 0.3))
+    views = [fitted, Camera(fitted.target, 4.0 * fitted.distance), Camera(aside, fitted.distance), Camera(fitted.target, 1.5),
+             Camera((1e3, 0.0, 0.0), 1.0)]  # fmt: skip
+    drawn = [render.draw_with_depth(surface, view, size) for view in views]
+    windows = [raster.find_window(view.project(body.nodes.position, size), size, 4) for view in views]
+    assert all(0 <= window.left < window.right <= size[0] and 0 <= window.top < window.bottom <= size[1] for window in windows)
+    assert size != SIZE or windows[1].width * windows[1].height < 0.5 * size[0] * size[1]
+    monkeypatch.setattr(raster, "find_window", lambda screen, size, grid: raster.Window(0, 0, *size))
+    for view, (picture, depth) in zip(views, drawn, strict=True):
+        whole, whole_depth = render.draw_with_depth(surface, view, size)
+        np.testing.assert_array_equal(picture, whole)
+        np.testing.assert_array_equal(depth, whole_depth)
 
 
 def test_an_empty_body_gives_the_background():
