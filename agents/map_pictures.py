@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import gmapspring as gs
+from agents.link_picture import link_figure
 from gmapspring.body import Body
 from gmapspring.rendering.camera import Camera
 from gmapspring.topology.darts import DARTS_PER_TETRAHEDRON, EDGE_CORNERS, FACE_CORNERS, ORDERINGS
@@ -32,7 +33,7 @@ DARTS_EYE, CUT_EYE = (75.0, 14.0), (-25.0, 28.0)
 
 def map_pictures() -> dict[str, bytes]:
     """Return the pictures as PNG files, by name."""
-    return {"map-darts": _as_png(darts_figure()), "map-cut": _as_png(cut_figure())}
+    return {"map-darts": _as_png(darts_figure()), "map-cut": _as_png(cut_figure()), "map-links": _as_png(link_figure())}
 
 
 def darts_figure() -> Figure:

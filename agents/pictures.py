@@ -82,7 +82,7 @@ def write_strain(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
 
 
 def write_map(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
-    """Write the map in pictures: darts and links, and what cuts split."""
+    """Write the map in pictures: darts, what cuts split, and links of vertices."""
     return [_write(folder / f"{name}.png", content) for name, content in map_pictures().items()]
 
 

@@ -11,7 +11,7 @@ PIXELS = CELL / 2
 """The same in pixels."""
 
 SQUARE = 2 * CELL
-"""The same of a square of four cells, which look at other places each: where windows begin, so that they show what the whole would."""
+"""Samples along a square of four cells, each of which looks elsewhere: where a window begins, to show what the whole would."""
 
 LARGEST_RADIUS = 64.0
 """Reach of contact shadows on the picture [cells], however near the eye comes."""

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from agents import pictures
+from agents.link_picture import examples, link_counts, link_figure, link_surface
 from agents.map_pictures import cut_figure, dart_places, darts_figure, ring, vertex_places
 from gmapspring import Material, Simulation, meshes
+from gmapspring.topology.gmap import link_characteristic
 
 LINES = {"#d1495b": 12, "#2e8b57": 12, "#2f6db5": 12}
 """Links of each involution among 24 darts: it pairs all of them."""
@@ -48,6 +50,17 @@ def test_the_ring_round_an_edge_closes():
 def test_vertices_are_drawn_near_where_they_are():
     body = Simulation(meshes.box((1, 1, 1)), Material(1e3, 1e3)).body
     assert np.linalg.norm(vertex_places(body) - body.nodes.position, axis=1).max() < 0.15 * np.sqrt(3)
+
+
+def test_links_are_a_sphere_a_disc_and_a_ring():
+    shown = examples()
+    assert [link_characteristic(example.body.gmap)[example.node] for example in shown] == [2, 1, 0]
+    for example in shown:
+        corners, edges, triangles = link_counts(example.body, example.node)
+        assert corners - edges + triangles == link_characteristic(example.body.gmap)[example.node]
+        assert len(link_surface(example.body, example.node).triangles) == 2 * triangles
+    for panel, count in zip(link_figure().axes, (2, 1, 0), strict=True):
+        assert panel.get_title().endswith(f"= {count}")
 
 
 def test_pictures_are_the_same_bytes_every_time_and_small(tmp_path):
