@@ -51,7 +51,9 @@ class Window:
         import matplotlib.pyplot as plt
 
         try:
-            figure = plt.figure(self._title, figsize=(frame.shape[1] / 100, frame.shape[0] / 100), dpi=100)
+            # A bar of tools would widen the window beyond the frame, which then is drawn larger than it is.
+            with plt.rc_context({"toolbar": "None"}):
+                figure = plt.figure(self._title, figsize=(frame.shape[1] / 100, frame.shape[0] / 100), dpi=100)
         except Exception as error:  # each toolkit has errors of its own for a display that it cannot reach
             return self._give_up(str(error).splitlines()[0] if str(error) else type(error).__name__)
         if type(figure.canvas).required_interactive_framework is None:
@@ -59,7 +61,7 @@ class Window:
             return self._give_up(f"matplotlib draws by {plt.get_backend()}")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        self._figure, self._image = figure, axes.imshow(frame, interpolation="nearest")
+        self._figure, self._image = figure, axes.imshow(frame)
         return True
 
     def _give_up(self, reason: str) -> bool:
