@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.trials import Trials, has_collapsed
-from envs.baselines import legal_plan, rim_first
+from envs.baselines import legal_plan, lever_first, rim_first
 from envs.resect import ResectEnv
 from gmapspring.config import closest
 from gmapspring.errors import ConfigError, GmapspringError
@@ -47,6 +47,11 @@ def choose_random(situation: Situation) -> int:
 def choose_rim_first(situation: Situation) -> int:
     """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
     return rim_first(situation.env.task, situation.legal, situation.rng)
+
+
+def choose_lever_first(situation: Situation) -> int:
+    """Cut the face between target and healthy tissue that lies farthest from the line along which the load pulls."""
+    return lever_first(situation.env.task, situation.legal, situation.rng)
 
 
 def choose_minimum_cut_by_index(situation: Situation) -> int:
@@ -88,6 +93,7 @@ def _plan(situation: Situation) -> Array:
 POLICIES: dict[str, Callable[[Situation], int]] = {
     "random": choose_random,
     "rim-first": choose_rim_first,
+    "lever-first": choose_lever_first,
     "min-cut-index": choose_minimum_cut_by_index,
     "min-cut-random": choose_minimum_cut_at_random,
     "lookahead": choose_by_lookahead,

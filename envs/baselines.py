@@ -10,6 +10,7 @@ import numpy as np
 
 from envs.optimum import minimum_cut
 from envs.task import Resection
+from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
 
 Array = np.ndarray[Any, Any]
 Rule = Callable[[Resection, Array, np.random.Generator], int]
@@ -22,14 +23,43 @@ def random_cut(task: Resection, legal: Array, rng: np.random.Generator) -> int:
 
 def rim_first(task: Resection, legal: Array, rng: np.random.Generator) -> int:
     """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
-    table = task.table
-    is_interface = np.diff(task.scene.target[table.face_tetrahedra], axis=1)[:, 0]
-    faces = np.intersect1d(np.flatnonzero(is_interface), legal)
+    faces = _interface(task, legal)
     if len(faces) == 0:
         return random_cut(task, legal, rng)
-    middle = table.face_centroid[is_interface].mean(axis=0)
-    distance = np.linalg.norm(table.face_centroid[faces] - middle, axis=1)
-    return int(faces[np.argmax(distance)])
+    centroid = task.table.face_centroid
+    middle = centroid[_interface(task, np.arange(task.table.n_faces))].mean(axis=0)
+    return int(faces[np.argmax(np.linalg.norm(centroid[faces] - middle, axis=1))])
+
+
+def lever_first(task: Resection, legal: Array, rng: np.random.Generator) -> int:
+    """Cut the face between target and healthy tissue that lies farthest from the line along which the load pulls on the target.
+
+    Both are taken as the body hangs now, so that a stalk is left behind the load, where it is pulled and not bent.
+    """
+    faces = _interface(task, legal)
+    return int(faces[np.argmax(_levers(task, faces))]) if len(faces) else random_cut(task, legal, rng)
+
+
+def _interface(task: Resection, legal: Array) -> Array:
+    """Return those legal actions that cut a face between target and healthy tissue, ascending."""
+    faces: Array = legal[legal < task.table.n_faces]
+    return faces[np.diff(task.scene.target[task.table.face_tetrahedra[faces]], axis=1)[:, 0]]
+
+
+def _levers(task: Resection, faces: Array) -> Array:
+    """Return how far faces are from the line along which the load pulls on what is left of their target region [m]."""
+    body, table, region_of = task.simulation.body, task.table, task.rules.region_of
+    corners = body.nodes.position[body.vertex_of].astype(np.float64)
+    slots, sides = table.face_slots[faces, 0], table.face_tetrahedra[faces]
+    away = corners[slots[:, None] // 4, OUTWARD_FACE_CORNERS[slots % 4]].mean(axis=1)
+    region = region_of[np.where(task.scene.target[sides[:, 0]], sides[:, 0], sides[:, 1])]
+    for each in np.unique(region):
+        part = task.scene.target & task.is_attached & (region_of == each)
+        away[region == each] -= np.average(corners[part].mean(axis=1), axis=0, weights=table.volume[part])
+    strength = np.linalg.norm(task.load)
+    if strength > 0.0:
+        away -= np.outer(away @ task.load, task.load) / strength**2
+    return np.linalg.norm(away, axis=1)
 
 
 def minimum_cut_by_index(task: Resection, legal: Array, rng: np.random.Generator) -> int:
@@ -49,5 +79,10 @@ def cheapest_plan(task: Resection) -> Array:
     return minimum_cut(task.scene, task.table, task.is_attached, is_sewn).actions
 
 
-BASELINES: dict[str, Rule] = {"random": random_cut, "rim-first": rim_first, "min-cut-index": minimum_cut_by_index}
+BASELINES: dict[str, Rule] = {
+    "random": random_cut,
+    "rim-first": rim_first,
+    "lever-first": lever_first,
+    "min-cut-index": minimum_cut_by_index,
+}
 """Rules by name."""

@@ -39,8 +39,8 @@ ORDERS = (
 )
 BASELINES = (
     "Mean return, with its standard error over the same scenes; the certificate's is 1. *random*: any legal action; *rim-first*: "
-    "the face round the target that is farthest from the middle of these; *min-cut-index*: the cheapest cuts in the order of "
-    "their ids."
+    "the face round the target that is farthest from the middle of these; *lever-first*: the one that is farthest from the line "
+    "along which the load pulls on the target, as the body hangs; *min-cut-index*: the cheapest cuts in the order of their ids."
 )
 
 

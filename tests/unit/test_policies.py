@@ -62,7 +62,7 @@ def test_every_policy_plays_the_same_again_from_the_same_seed(name, env):
     assert first == second
 
 
-@pytest.mark.parametrize("name", ["rim-first", "min-cut-index", "min-cut-random", "lookahead", "certificate"])
+@pytest.mark.parametrize("name", ["rim-first", "lever-first", "min-cut-index", "min-cut-random", "lookahead", "certificate"])
 def test_a_policy_with_a_plan_frees_the_target_where_nothing_tears(name, env):
     _, info = plays(ScriptedPolicy(name).bind(env), env)
     assert info["is_success"]
@@ -85,6 +85,29 @@ def test_rim_first_cuts_only_the_interface_and_the_outermost_face_first(env):
     distance = np.linalg.norm(table.face_centroid - table.face_centroid[is_interface].mean(axis=0), axis=1)
     assert is_interface[actions].all()
     assert distance[actions[0]] == pytest.approx(distance[is_interface].max())
+
+
+def test_lever_first_cuts_the_interface_farthest_from_the_line_of_the_load_as_the_body_hangs():
+    env = ResectEnv(small_scene(seed=1, load=0.02))
+    observation, _ = env.reset(seed=0)
+    task, policy = env.task, ScriptedPolicy("lever-first").bind(env)
+    while True:
+        body, table, target = task.simulation.body, task.table, task.scene.target
+        place = body.nodes.position[body.vertex_of]  # of each corner of each tetrahedron
+        left = target & task.is_attached
+        middle = (place[left].mean(axis=1) * table.volume[left, None]).sum(axis=0) / table.volume[left].sum()
+        expected = {}
+        for face, (one, other) in enumerate(table.face_tetrahedra):
+            if observation["action_mask"][face] and target[one] != target[other]:
+                shared = np.intersect1d(body.vertex_of[one], body.vertex_of[other])
+                # The area of a parallelogram over its base: distance from a line.
+                arm = body.nodes.position[shared].mean(axis=0) - middle
+                expected[face] = np.linalg.norm(np.cross(arm, task.load)) / np.linalg.norm(task.load)
+        action, _ = policy.predict(observation)
+        assert expected[action] == pytest.approx(max(expected.values()))
+        observation, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            break
 
 
 def test_looking_ahead_leaves_the_simulator_as_it_was(env):
