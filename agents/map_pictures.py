@@ -1,6 +1,5 @@
 """The map in pictures: darts and their links, and what a cut splits; every line follows from the tables of the topology."""
 
-import io
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import gmapspring as gs
 from agents.link_picture import link_figure
+from agents.png import figure_as_png
 from gmapspring.body import Body
 from gmapspring.rendering.camera import Camera
 from gmapspring.topology.darts import DARTS_PER_TETRAHEDRON, EDGE_CORNERS, FACE_CORNERS, ORDERINGS
@@ -33,7 +33,8 @@ DARTS_EYE, CUT_EYE = (75.0, 14.0), (-25.0, 28.0)
 
 def map_pictures() -> dict[str, bytes]:
     """Return the pictures as PNG files, by name."""
-    return {"map-darts": _as_png(darts_figure()), "map-cut": _as_png(cut_figure()), "map-links": _as_png(link_figure())}
+    figures = {"map-darts": darts_figure(), "map-cut": cut_figure(), "map-links": link_figure()}
+    return {name: figure_as_png(figure) for name, figure in figures.items()}
 
 
 def darts_figure() -> Figure:
@@ -192,10 +193,3 @@ def _frame(panel: Axes) -> None:
 def _layout() -> ConstrainedLayoutEngine:
     """Return a layout with room at the rim."""
     return ConstrainedLayoutEngine(h_pad=0.12, w_pad=0.08)
-
-
-def _as_png(figure: Figure) -> bytes:
-    """Return a figure as a PNG file that depends on nothing but what is drawn."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
-    return stream.getvalue()

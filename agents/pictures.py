@@ -4,18 +4,17 @@ The same versions of all packages give the same bytes.
 """
 
 import argparse
-import io
 import pathlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from agents.choice import home_of, make_policy
 from agents.liver_picture import cut_liver_picture
 from agents.map_pictures import map_pictures
+from agents.png import picture_as_png
 from agents.video import Player, record_video
 from envs.frames import Frames
 from envs.resect import ResectEnv
@@ -52,7 +51,7 @@ def write_pictures(folder: pathlib.Path, policy: str = POLICY, only: Sequence[st
 
 def write_liver(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
     """Write the liver cut open."""
-    return [_write(folder / "cut-liver.png", _as_png(cut_liver_picture()))]
+    return [_write(folder / "cut-liver.png", picture_as_png(cut_liver_picture()))]
 
 
 def write_film(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
@@ -78,7 +77,7 @@ def write_strain(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
         if env.task.tissue.healthy_strain > most:
             most, picture = env.task.tissue.healthy_strain, frames.draw(env.scene, env.task.simulation.body, env.task.strain)
     assert picture is not None
-    return [_write(folder / "strain.png", _as_png(picture))]
+    return [_write(folder / "strain.png", picture_as_png(picture))]
 
 
 def write_map(folder: pathlib.Path, policy: str) -> list[pathlib.Path]:
@@ -109,13 +108,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-def _as_png(picture: Array) -> bytes:
-    """Return a picture as a PNG file."""
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, "PNG", optimize=True)
-    return stream.getvalue()
 
 
 def _write(path: pathlib.Path, content: bytes) -> pathlib.Path:

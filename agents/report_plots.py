@@ -1,6 +1,5 @@
 """The pictures of a study's page: learning curves, and what thinking buys."""
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.choice import SEARCH
+from agents.png import figure_as_png
 from agents.report_tables import row_family, test_groups, test_scenes
 from agents.results import Array, Curve, Results
 from agents.study_config import Row
@@ -20,7 +20,7 @@ def pictures(results: Results) -> dict[str, bytes]:
     """Return all pictures as PNG files, by name."""
     figures = {f"curves-{row.name}": learning_curves(results, row) for row in results.study.rows if row.ablates is None}
     figures["thinking"] = success_against_thinking(results)
-    return {name: _as_png(figure) for name, figure in figures.items() if figure is not None}
+    return {name: figure_as_png(figure) for name, figure in figures.items() if figure is not None}
 
 
 def learning_curves(results: Results, row: Row) -> Figure | None:
@@ -84,10 +84,3 @@ def _draw_thinking(panel: Axes, results: Results, scene: str) -> None:
     panel.set(title=scene, xlabel="simulated steps per episode", ylabel="success", xscale="log", ylim=(-0.03, 1.03))
     panel.grid(alpha=0.3)
     panel.legend(fontsize=7)
-
-
-def _as_png(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a file."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=100)
-    return content.getvalue()

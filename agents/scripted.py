@@ -14,7 +14,7 @@ import numpy as np
 from agents.trials import Trials, has_collapsed
 from envs.baselines import legal_plan, lever_first, rim_first
 from envs.resect import ResectEnv
-from gmapspring.config import closest
+from gmapspring.config import known_name
 from gmapspring.errors import ConfigError, GmapspringError
 
 Array = np.ndarray[Any, Any]
@@ -156,9 +156,7 @@ class ScriptedPolicy(RulePolicy):
         Raises:
             ConfigError: there is no such rule.
         """
-        if name not in POLICIES:
-            raise ConfigError(f"there is no scripted policy {name!r}; {closest(name, POLICIES)}")
-        super().__init__(name, rng)
+        super().__init__(known_name("scripted policy", name, POLICIES), rng)
 
     def choose(self, situation: Situation) -> int:
         """Return a legal action."""

@@ -6,8 +6,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, NonNegativeInt, field_validator, model_validator
 
 from agents.choice import home_of, is_saved
-from agents.training_config import TrainingConfig
-from envs.actions import MASKS
+from agents.training_config import MaskName, TrainingConfig
 from envs.library import load_scenes
 from envs.scene_config import SplitName
 from gmapspring.config import Config, closest, load_config
@@ -16,13 +15,6 @@ from gmapspring.paths import config_file, configs_folder
 
 SCRIPTS = "scripts"
 """What stands for all scripted policies where rows are chosen by name."""
-
-
-def _known_mask(name: str) -> str:
-    """Return the name of a mask, or raise."""
-    if name not in MASKS:
-        raise ValueError(f"there is no mask {name!r}; {closest(name, MASKS)}")
-    return name
 
 
 def _known_training(name: str) -> str:
@@ -64,7 +56,6 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")]
 """What a folder can be called anywhere."""
 Seeds = Annotated[list[NonNegativeInt], Field(min_length=1), AfterValidator(_unique_seeds)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-MaskName = Annotated[str, AfterValidator(_known_mask)]
 
 
 class PlayedScenes(Config):

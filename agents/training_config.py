@@ -19,8 +19,9 @@ from pydantic import (
 
 from agents.potentials import POTENTIALS
 from envs.actions import MASKS
-from gmapspring.config import Config, check_config, closest
+from gmapspring.config import Config, check_config, names_of
 
+MaskName = Annotated[str, names_of("mask", MASKS)]
 UnitShare = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
@@ -115,17 +116,10 @@ class WarmStart(Config):
 class Shaping(Config):
     """Reward what gets on at once, by a potential that changes no optimum (Ng, Harada and Russell, 1999)."""
 
-    potential: str = "interface"
+    potential: Annotated[str, names_of("potential", POTENTIALS)] = "interface"
     """What is left to do, a name of `agents.potentials.POTENTIALS`."""
     weight: NonNegativeFloat
     """What all of the potential is worth, in units of return."""
-
-    @field_validator("potential")
-    @classmethod
-    def _potential_is_registered(cls, potential: str) -> str:
-        if potential not in POTENTIALS:
-            raise ValueError(f"there is no potential {potential!r}; {closest(potential, POTENTIALS)}")
-        return potential
 
 
 class StopRule(Config):
@@ -159,7 +153,7 @@ class TrainingConfig(Config):
 
     scene: str | Annotated[list[str], Field(min_length=1)]
     """Name of a shipped scene, or a scene file; or several of them, each played in as many environments."""
-    mask: str = "all"
+    mask: MaskName = "all"
     """What counts as legal, a name of `envs.actions.MASKS`."""
     seed: NonNegativeInt
     network: Network = NetworkSettings()
@@ -169,13 +163,6 @@ class TrainingConfig(Config):
     ppo: PPOSettings
     stop: StopRule
     validation: ValidationSettings
-
-    @field_validator("mask")
-    @classmethod
-    def _mask_is_registered(cls, mask: str) -> str:
-        if mask not in MASKS:
-            raise ValueError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
-        return mask
 
     @model_validator(mode="after")
     def _can_be_cloned(self) -> Self:

@@ -10,8 +10,7 @@ import numpy as np
 from envs.scene import Scene
 from envs.surface import surface_of
 from gmapspring.body import Body
-from gmapspring.config import closest
-from gmapspring.errors import ConfigError
+from gmapspring.config import known_name
 from gmapspring.render import draw, see_triangles
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.heat import stamp_legend
@@ -53,9 +52,7 @@ class Frames:
 
     def __init__(self, style: str = "tissue", size: tuple[int, int] = SIZE, look: Style | None = None) -> None:
         """Choose a style by its name, a size [pixels], and colours and light."""
-        if style not in STYLES:
-            raise ConfigError(f"there is no render style {style!r}; {closest(style, STYLES)}")
-        self.style, self.size, self.look = style, size, look or Style()
+        self.style, self.size, self.look = known_name("render style", style, STYLES), size, look or Style()
         self._before: Moment | None = None
         self._removed = -1
 

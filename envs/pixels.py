@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 from envs.frames import camera_of
 from envs.scene import Scene
 from envs.task import Resection
-from gmapspring.config import closest
+from gmapspring.config import known_name
 from gmapspring.errors import ConfigError
 from gmapspring.render import draw, draw_with_depth
 from gmapspring.rendering.camera import Camera
@@ -49,8 +49,7 @@ class PixelObservation(gym.ObservationWrapper[Array, Any, dict[str, Array]], Rec
             mode: "rgb" or "rgbd".
             size: side of the picture [pixels].
         """
-        if mode not in CHANNELS:
-            raise ConfigError(f"there is no pixel mode {mode!r}; {closest(mode, CHANNELS)}")
+        known_name("pixel mode", mode, CHANNELS)
         if isinstance(size, bool) or not isinstance(size, int) or not SMALLEST <= size <= LARGEST:
             raise ConfigError(f"size must be a whole number from {SMALLEST} to {LARGEST}, not {size!r}")
         RecordConstructorArgs.__init__(self, mode=mode, size=size)

@@ -22,7 +22,7 @@ from envs.selection import select
 from envs.stage import BUDGET, Stage, StageCache, build_stage, step_limit
 from envs.task import Resection, ResectionState
 from envs.window import Window
-from gmapspring.config import closest
+from gmapspring.config import known_name
 from gmapspring.errors import ConfigError, StateFileError
 from gmapspring.simulation import ONE_ROW
 
@@ -80,11 +80,9 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
             render_mode: None, "rgb_array" for frames by `render()`, or "human" for a window, where there is a display.
             render_style: "tissue" or "strain", a heat map; see `envs.frames.STYLES`.
         """
-        if mask not in MASKS:
-            raise ConfigError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"there is no render mode {render_mode!r}; give None, 'rgb_array' or 'human'")
-        self.mask_mode, self.render_mode = mask, render_mode
+        self.mask_mode, self.render_mode = known_name("mask", mask, MASKS), render_mode
         self._frames = Frames(render_style)
         self._window = Window("Resect-v0", float(self.metadata["render_fps"])) if render_mode == "human" else None
         self.reward_weights = reward_weights(reward)

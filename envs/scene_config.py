@@ -5,11 +5,11 @@ Every model forbids unknown keys, and its fields say their units. What comes in 
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from envs.scene_kinds import BoxMesh, ConeDirection, FileMesh, FixedDirection, OutwardDirection, PinnedPlane, PinnedRegion, Vector
 from envs.targets import Channel, EllipsoidTarget, NoCutRegion, RegionTarget, TopCubeTarget, UnderSurfaceTarget
-from gmapspring.config import Config, closest
+from gmapspring.config import Config, names_of
 from gmapspring.integrators import INTEGRATORS
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
@@ -56,17 +56,10 @@ class Physics(Config):
     """Time that passes before the first cut [s]."""
     rest_tolerance: PositiveFloat | None = None
     """A settling ends early once no node can move any further than this in what is left of its time, in units of length h."""
-    integrator: str
+    integrator: Annotated[str, names_of("integrator", INTEGRATORS)]
     """A name of gmapspring.integrators.INTEGRATORS."""
     dtype: Literal["float64", "float32"] = "float64"
     """Precision of the state."""
-
-    @field_validator("integrator")
-    @classmethod
-    def _is_registered(cls, name: str) -> str:
-        if name not in INTEGRATORS:
-            raise ValueError(f"there is no integrator {name!r}; choose from {', '.join(sorted(INTEGRATORS))}")
-        return name
 
 
 class Limits(Config):
@@ -104,14 +97,7 @@ class Split(Config):
         return self
 
 
-def _known_split(name: str) -> str:
-    """Return the name of a split, or raise."""
-    if name not in SPLITS:
-        raise ValueError(f"there is no split {name!r}; {closest(name, SPLITS)}")
-    return name
-
-
-SplitName = Annotated[str, AfterValidator(_known_split)]
+SplitName = Annotated[str, names_of("split", SPLITS)]
 
 
 class SceneConfig(Config):

@@ -22,7 +22,7 @@ from envs.scene import Scene
 from envs.selection import CHOICES, Selection, select
 from envs.stage import BUDGET, StageCache, build_stage, step_limit
 from envs.vector_info import joined, picked
-from gmapspring.config import closest
+from gmapspring.config import known_name
 from gmapspring.errors import ConfigError
 
 Array = np.ndarray[Any, Any]
@@ -67,11 +67,9 @@ class ResectVectorEnv(VectorEnv[dict[str, Array], Array, Array]):
         """
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ConfigError(f"num_envs must be a whole number above 0, not {num_envs!r}")
-        if mask not in MASKS:
-            raise ConfigError(f"there is no mask {mask!r}; {closest(mask, MASKS)}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"there is no render mode {render_mode!r}; give None or 'rgb_array'")
-        self.num_envs, self.mask_mode, self.render_mode = int(num_envs), mask, render_mode
+        self.num_envs, self.mask_mode, self.render_mode = int(num_envs), known_name("mask", mask, MASKS), render_mode
         self._frames = [Frames(render_style) for _ in range(self.num_envs)]
         self.autoreset_mode = _checked_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}

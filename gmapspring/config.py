@@ -5,11 +5,11 @@ import json
 import pathlib
 import re
 import types
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from gmapspring.errors import ConfigError
@@ -65,6 +65,18 @@ def closest(word: str, known: Iterable[str]) -> str:
     if match:
         return f"did you mean {lowered[match[0]]!r}?"
     return f"known are {', '.join(words)}" if words else "nothing is known here"
+
+
+def known_name(kind: str, name: str, known: Collection[str]) -> str:
+    """Return a name that is known, or raise `ConfigError` with the one that it resembles."""
+    if name not in known:
+        raise ConfigError(f"there is no {kind} {name!r}; {closest(name, known)}")
+    return name
+
+
+def names_of(kind: str, known: Collection[str]) -> AfterValidator:
+    """Return what lets a field of a configuration take known names alone; what is known may still grow."""
+    return AfterValidator(lambda name: known_name(kind, name, known))
 
 
 # Reading YAML -----------------------------------------------------------------------------------------------------

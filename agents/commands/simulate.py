@@ -16,7 +16,7 @@ from agents.commands.bodies import add_material, add_mesh, material_of, mesh_of
 from agents.commands.command import Command, add_json, number, positive, print_json, say
 from agents.progress import ProgressReport
 from gmapspring import measure
-from gmapspring.config import closest
+from gmapspring.config import known_name
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.mesh_files.series import Series
 from gmapspring.paths import write_atomically
@@ -88,8 +88,8 @@ def run(parsed: argparse.Namespace, console: Console) -> int:
 
 def _simulation(parsed: argparse.Namespace, mesh: gs.Mesh) -> gs.Simulation:
     """Return the body at rest, as asked for."""
-    if parsed.integrator is not None and parsed.integrator not in INTEGRATORS:
-        raise gs.ConfigError(f"there is no integrator {parsed.integrator!r}; {closest(parsed.integrator, INTEGRATORS)}")
+    if parsed.integrator is not None:
+        known_name("integrator", parsed.integrator, INTEGRATORS)
     pin = parsed.pin or ("anchor" if "anchor" in mesh.point_regions else None)
     pinned = None if pin is None else select_points(mesh, pin)
     return gs.Simulation(mesh, material_of(parsed), pinned=pinned, gravity=parsed.gravity, integrator=parsed.integrator)
