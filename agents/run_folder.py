@@ -60,7 +60,17 @@ class RunFolder:
             )
         self.checkpoints.mkdir(parents=True, exist_ok=True)
         write_atomically(there, yaml.safe_dump(asked, sort_keys=False).encode())
-        write_atomically(self.path / "versions.json", (json.dumps(versions(), indent=1) + "\n").encode())
+        self._write_versions()
+
+    def _write_versions(self) -> None:
+        """Note with what the run goes on and, where that was otherwise before, with what it came so far ("before")."""
+        path, made = self.path / "versions.json", versions()
+        try:
+            earlier = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else made
+        except ValueError:
+            raise RunFolderError(f"{path} is damaged; delete it to go on without what it says of the run so far") from None
+        kept = earlier if earlier | made == earlier else made | {"before": earlier}
+        write_atomically(path, (json.dumps(kept, indent=1) + "\n").encode())
 
     def write_progress(self, row: Mapping[str, Any]) -> None:
         """Add a line to progress.csv."""

@@ -14,6 +14,7 @@ torch = pytest.importorskip("torch")
 
 from sb3_contrib import MaskablePPO  # noqa: E402
 
+from agents import run_folder  # noqa: E402
 from agents.checkpoint import CheckpointError, load_policy, read_page  # noqa: E402
 from agents.command_line import main  # noqa: E402
 from agents.progress import ProgressReport  # noqa: E402
@@ -49,6 +50,22 @@ def test_a_resumed_run_adds_up_its_cpu_time(whole_run, tmp_path):
     _, first = trained(tmp_path / "run", n_updates=1)
     before = Trainer(small_config(), tmp_path / "run", resume=True, cpu_start=0.0).cpu_seconds
     assert before == pytest.approx(time.process_time() + first.cpu_seconds, abs=5.0)
+
+
+def test_a_run_resumed_with_other_versions_names_both(tmp_path, monkeypatch):
+    trained(tmp_path / "run", n_updates=1)
+    path = tmp_path / "run" / "versions.json"
+    first = json.loads(path.read_text())
+    Trainer(small_config(), tmp_path / "run", resume=True)
+    assert json.loads(path.read_text()) == first
+    for revision in ("other", "third"):
+        monkeypatch.setattr(run_folder, "versions", lambda revision=revision: first | {"revision": revision})
+        Trainer(small_config(), tmp_path / "run", resume=True)
+    other = first | {"revision": "other", "before": first}
+    assert json.loads(path.read_text()) == first | {"revision": "third", "before": other}
+    path.write_text("{")
+    with pytest.raises(RunFolderError, match="delete it"):
+        Trainer(small_config(), tmp_path / "run", resume=True)
 
 
 def test_a_run_folder_holds_all_that_a_result_depends_on(whole_run):
