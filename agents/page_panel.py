@@ -1,7 +1,7 @@
 """The panel beside the picture: read-outs, buttons and keys. It knows nothing of what they do."""
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
 import viser
@@ -101,16 +101,30 @@ class Panel:
 
     def _when_changed(self, handle: Any, command: str) -> None:
         """Give a command, with the new value, when somebody changes a control; not when the page itself does."""
-        handle.on_update(lambda event: event.client_id is not None and self._tell(command, handle.value))
+
+        # Here and below a coroutine: it is called at once. Others wait for a thread, and find what came after them.
+        async def told(event: Any) -> None:
+            if event.client_id is not None:
+                self._tell(command, handle.value)
+
+        handle.on_update(told)
 
     def _buttons(self, label: str, commands: Mapping[str, str], hint: str) -> None:
         """Add buttons in a row, each with the command that it gives."""
         group = self._gui.add_button_group(label, tuple(commands), hint=hint)
-        group.on_click(lambda event: self._tell(commands[group.value], None))
 
-    def _teller(self, command: str) -> Callable[[Any], None]:
+        async def told(event: Any) -> None:
+            self._tell(commands[group.value], None)
+
+        group.on_click(told)
+
+    def _teller(self, command: str) -> Callable[[Any], Coroutine[Any, Any, None]]:
         """Return what gives a command, whatever happened."""
-        return lambda event: self._tell(command, None)
+
+        async def told(event: Any) -> None:
+            self._tell(command, None)
+
+        return told
 
     def set_value(self, name: str, value: Any) -> None:
         """Set a control, by the name of its attribute."""
