@@ -12,6 +12,7 @@ from envs.scene import Scene
 from envs.task import Resection
 from gmapspring.config import known_name
 from gmapspring.errors import ConfigError
+from gmapspring.jit import kernel
 from gmapspring.render import draw, draw_with_depth
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.skin import body_surface
@@ -71,10 +72,26 @@ class PixelObservation(gym.ObservationWrapper[Array, Any, dict[str, Array]], Rec
         if self.mode == "rgb":
             return draw(surface, camera, self.size, LOOK)
         picture, depth = draw_with_depth(surface, camera, self.size, LOOK)
-        return np.concatenate([picture, depth_bytes(depth, camera)[..., None]], axis=2)
+        return with_depth(picture, depth, camera)
 
 
-def depth_bytes(depth: Array, camera: Camera) -> Array:
-    """Return depths [m] as bytes: 255 at half the camera's distance, evenly down to 1 at 1.5 of it, 0 where infinite."""
-    nearness = 382.0 - depth * np.float32(254.0 / camera.distance)
-    return np.where(np.isfinite(depth), np.clip(np.rint(nearness), 1.0, 255.0), 0.0).astype(np.uint8)
+def with_depth(picture: Array, depth: Array, camera: Camera) -> Array:
+    """Return a picture with a fourth channel for depths [m], (height, width, 4).
+
+    It holds 255 at half the camera's distance, evenly down to 1 at 1.5 of it, and 0 where depths are infinite.
+    """
+    joined = np.empty((*depth.shape, 4), np.uint8)
+    _join(picture, depth.astype(np.float32, copy=False), np.float32(254.0 / camera.distance), joined)
+    return joined
+
+
+@kernel
+def _join(picture, depth, steps_per_meter, out):
+    """Write the four channels of each pixel."""
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            far = depth[row, column]
+            step = np.rint(np.float32(382.0) - far * steps_per_meter)
+            for channel in range(3):
+                out[row, column, channel] = picture[row, column, channel]
+            out[row, column, 3] = np.uint8(min(np.float32(255.0), max(np.float32(1.0), step))) if far < np.inf else np.uint8(0)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gmapspring.jit import kernel
+
 NEAREST = 1e-3
 """Depth below which a point counts as behind the eye, as a share of the camera's distance."""
 
@@ -74,17 +76,11 @@ class Camera:
         The corner of the picture is (0, 0), the centre of its first pixel (0.5, 0.5). One over the depth is
         linear on the screen and larger where nearer; it is 0 for points behind the eye or not finite.
         """
-        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        with np.errstate(invalid="ignore", over="ignore"):
-            seen = self.turn(points - np.asarray(self.target))
-            depth = self.distance - seen[:, 2]
-            is_visible = np.isfinite(seen).all(axis=1) & (depth > NEAREST * self.distance)
-        inverse_depth = np.divide(1.0, depth, out=np.zeros(len(points)), where=is_visible)
-        seen[~is_visible] = 0.0
-        scale = self.focal_length(size) * inverse_depth
-        x = 0.5 * size[0] + scale * seen[:, 0]
-        y = 0.5 * size[1] - scale * seen[:, 1]
-        return np.stack([x, y, inverse_depth], axis=1)
+        points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        screen, axes = np.empty((len(points), 3)), _axes(self.azimuth, self.elevation)
+        middle, target = np.array([0.5 * size[0], 0.5 * size[1]]), np.array(self.target, dtype=np.float64)
+        _project(points, target, axes, float(self.distance), self.focal_length(size), middle, screen)
+        return screen
 
 
 def _axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
@@ -98,4 +94,32 @@ def _axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
 
 def _turned(vectors: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the parts of vectors (..., 3) along three axes; summed here, for @ rounds as the machine pleases."""
-    return vectors[..., 0:1] * axes[:, 0] + vectors[..., 1:2] * axes[:, 1] + vectors[..., 2:3] * axes[:, 2]
+    vectors = np.ascontiguousarray(vectors, dtype=np.float64)
+    parts = np.empty_like(vectors)
+    _turn(vectors.reshape(-1, 3), axes, parts.reshape(-1, 3))
+    return parts
+
+
+@kernel
+def _turn(vectors, axes, out):
+    """Write the parts of vectors (n, 3) along three axes."""
+    for i in range(vectors.shape[0]):
+        for part in range(3):
+            out[i, part] = vectors[i, 0] * axes[part, 0] + vectors[i, 1] * axes[part, 1] + vectors[i, 2] * axes[part, 2]
+
+
+@kernel
+def _project(points, target, axes, distance, focal, middle, out):
+    """Write where points (n, 3) land on the picture, and one over the depth."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0] - target[0], points[i, 1] - target[1], points[i, 2] - target[2]
+        right = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        up = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        backward = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        depth = distance - backward
+        is_visible = np.isfinite(right) and np.isfinite(up) and np.isfinite(backward) and depth > NEAREST * distance
+        inverse = 1.0 / depth if is_visible else 0.0
+        scale = focal * inverse
+        out[i, 0] = middle[0] + scale * (right if is_visible else 0.0)
+        out[i, 1] = middle[1] - scale * (up if is_visible else 0.0)
+        out[i, 2] = inverse

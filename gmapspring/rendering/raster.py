@@ -46,18 +46,29 @@ class Window(NamedTuple):
         return slice(self.left, self.right)
 
 
+@kernel
+def _find_reach(screen, reach):
+    """Write the least and the largest x, then y, of all points that can be drawn; tell whether there is one."""
+    reach[:, 0], reach[:, 1] = np.inf, -np.inf
+    for i in range(screen.shape[0]):
+        x, y = screen[i, 0], screen[i, 1]
+        if screen[i, 2] > 0.0 and abs(x) < LARGEST_COORDINATE and abs(y) < LARGEST_COORDINATE:
+            reach[0, 0], reach[0, 1] = min(reach[0, 0], x), max(reach[0, 1], x)
+            reach[1, 0], reach[1, 1] = min(reach[1, 0], y), max(reach[1, 1], y)
+    return reach[0, 0] <= reach[0, 1]
+
+
 def find_window(screen: NDArray[np.float64], size: tuple[int, int], grid: int) -> Window:
     """Return the part of a picture in which all that can be drawn lies, with room for one cell of a grid around it.
 
     screen (n, 3) holds x, y [pixels] and one over the depth; size is (width, height), grid the side of a cell [pixels]. A window
     begins at a corner of a cell. Where there is nothing to draw it holds the first cell: no part is empty.
     """
-    is_drawable = (screen[:, 2] > 0.0) & (np.abs(screen[:, :2]) < LARGEST_COORDINATE).all(axis=1)
-    places = screen[is_drawable, :2]
-    if not len(places):
+    reach = np.empty((2, 2))
+    if not _find_reach(screen, reach):
         return Window(0, 0, min(grid, size[0]), min(grid, size[1]))
     sides = []
-    for low, high, length in zip(places.min(axis=0), places.max(axis=0), size, strict=True):
+    for (low, high), length in zip(reach.tolist(), size, strict=True):
         first = min(max(int(low) // grid - 1, 0), (length - 1) // grid)
         sides.append((grid * first, min(max(grid * (int(high) // grid + 2), grid * (first + 1)), length)))
     (left, right), (top, bottom) = sides

@@ -3,6 +3,7 @@
 from tests.benchmarks.groups.after_cuts import measure_after_cuts
 from tests.benchmarks.groups.cuts import measure_cuts
 from tests.benchmarks.groups.environment import measure_reset, measure_single, measure_vector
+from tests.benchmarks.groups.frames import measure_frames
 from tests.benchmarks.groups.kernel import measure_kernel
 from tests.benchmarks.groups.map_building import measure_map
 from tests.benchmarks.groups.paper import measure_paper
@@ -24,6 +25,7 @@ GROUPS: dict[str, Group] = {
     "single": measure_single,
     "vector": measure_vector,
     "training": measure_training,
+    "frames": measure_frames,
     "start": measure_start,
     "scaling": measure_scaling,
     # Last, since what other libraries load and set stays in the process.
@@ -42,6 +44,7 @@ TITLES: dict[str, str] = {
     "single": "A single environment",
     "vector": "The vector environment",
     "training": "Training",
+    "frames": "Frames and pixel observations",
     "start": "Start",
     "scaling": "From two thousand to a million tetrahedra",
     "peers": "Peers",

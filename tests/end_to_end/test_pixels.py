@@ -8,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs.frames import camera_of
-from envs.pixels import PixelObservation, depth_bytes
+from envs.pixels import PixelObservation, with_depth
 from envs.resect import ResectEnv
 from gmapspring import render
 from gmapspring.errors import ConfigError
@@ -55,8 +55,11 @@ def test_a_wrapped_environment_tells_what_is_legal():
 
 def test_depths_beyond_the_range_end_at_its_ends():
     camera = camera_of(SCENE)
-    depth = np.array([0.0, 0.5, 1.0, 1.5, 9.0, np.inf]) * camera.distance
-    np.testing.assert_array_equal(depth_bytes(depth, camera), [255, 255, 128, 1, 1, 0])
+    depth = np.array([[0.0, 0.5, 1.0, 1.5, 9.0, np.inf]]) * camera.distance
+    picture = np.arange(18, dtype=np.uint8).reshape(1, 6, 3)
+    joined = with_depth(picture, depth, camera)
+    np.testing.assert_array_equal(joined[..., 3], [[255, 255, 128, 1, 1, 0]])
+    np.testing.assert_array_equal(joined[..., :3], picture)
 
 
 def test_pictures_change_with_cuts_and_tell_nothing_of_optimum_or_certificate():
