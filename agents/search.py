@@ -1,18 +1,26 @@
 """Search: a policy that looks for an order of cuts that the body survives, on the simulator and within a budget of its steps.
 
-Beams of widths 1, 2, 4 ... run over the cheapest plan. What has been tried is remembered, so that a wider beam pays only for
-what is new. Steps are replayed bit for bit: an order that survived in the search survives when it is played.
+First the guides, which cost one step a cut: orders of the cheapest plan that leave a stalk for the end, behind the load or at
+each of its cuts in turn; then such orders of all faces round the target, which cost more than the plan, to have something to
+go back to. Then beams of widths 1, 2, 4 ... over the cheapest plan, which cost a step for every cut that they could go on with.
+What has been tried is remembered, so that nothing is paid for twice. Steps are replayed bit for bit: an order that survived in
+the search survives when it is played.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from agents.scripted import RulePolicy, Situation, choose_minimum_cut_by_index
 from agents.trials import Trials, has_collapsed
-from envs.baselines import cheapest_plan
+from envs.baselines import cheapest_plan, interface, levers, places
 from envs.collapse import SEPARATED
 from envs.order import Way, next_beam, one_more, way_so_far
 from envs.resect import ResectEnv
 from envs.task import Resection
+
+Array = np.ndarray[Any, Any]
 
 
 class SearchPolicy(RulePolicy):
@@ -52,7 +60,7 @@ class SearchPolicy(RulePolicy):
 
 
 def best_order(env: ResectEnv, trials: Trials, limit: int) -> tuple[int, ...]:
-    """Return the order that frees the target, or else goes on longest before the body collapses; of several, the gentlest.
+    """Return an order that frees the target, as cheaply as it can be had, or else one that goes on longest before a collapse.
 
     Args:
         env: the environment; what it plays is as it was afterwards.
@@ -61,12 +69,13 @@ def best_order(env: ResectEnv, trials: Trials, limit: int) -> tuple[int, ...]:
     """
     start = env.task.save_state()
     tree = _Tree(env, trials, limit)
+    tree.follow_guides()
     root: Way | None = tree.root
     while root is not None and not tree.is_over:
         tree.widen(root)
-        root = None if tree.is_over else tree.detour()
+        root = None if tree.is_over or tree.resort else tree.detour()
     env.task.load_state(start)
-    return tree.best.order
+    return tree.resort if tree.resort and tree.best.state.outcome != SEPARATED else tree.best.order
 
 
 class _Tree:
@@ -76,12 +85,39 @@ class _Tree:
         self._task, self._mask = env.task, env.mask_mode
         self._trials, self._limit = trials, limit
         self.root = self.best = way_so_far(env.task)
+        self.resort: tuple[int, ...] = ()
+        """An order that frees the target for more than the least cost, if one is known."""
         self._tried: dict[tuple[int, ...], Way] = {}
 
     @property
     def is_over(self) -> bool:
-        """Return whether a way to the end is known, or nothing more may be tried."""
+        """Return whether a cheapest way to the end is known, or nothing more may be tried."""
         return self.best.state.outcome == SEPARATED or self._trials.n_steps >= self._limit
+
+    def follow_guides(self) -> None:
+        """Try to leave a stalk for the end: of the cheapest plan, then of all faces between target and healthy tissue."""
+        if self.is_over:
+            return
+        plan, faces = cheapest_plan(self._task), interface(self._task, np.flatnonzero(self._task.action_mask("all")))
+        for actions, extend in ((plan, self._extend), (faces, self._try)):
+            place, lever = places(self._task, actions), levers(self._task, actions)
+            self._descend(actions, None, extend)
+            for stalk in np.argsort(lever, kind="stable"):
+                self._descend(actions, np.linalg.norm(place - place[stalk], axis=1), extend)
+            self._task.load_state(self.root.state)
+
+    def _descend(self, actions: Array, distance: Array | None, extend: Callable[[Way, int], Way]) -> None:
+        """Do the farthest action that is left again and again; distance: None for that from the load's line at the time."""
+        way, left = self.root, np.ones(len(actions), bool)
+        while way.state.outcome is None and way.peak < np.inf and not self.is_over and not self.resort:
+            self._task.load_state(way.state)
+            left &= self._task.action_mask(self._mask)[actions].astype(bool)
+            if not left.any():
+                return
+            away = levers(self._task, actions[left]) if distance is None else distance[left]
+            way = extend(way, int(actions[left][np.argmax(away)]))
+        if way.state.outcome == SEPARATED and extend == self._try:
+            self.resort = way.order
 
     def widen(self, root: Way) -> None:
         """Carry out the cheapest plan from there by ever wider beams, until it is over or nothing falls off the beam."""
@@ -103,12 +139,17 @@ class _Tree:
         return beam[0] if beam else None
 
     def _extend(self, way: Way, action: int) -> Way:
+        """Return a way with one more action, and keep the best of all; its peak is infinite where it leads to nothing."""
+        longer = self._try(way, action)
+        if longer.peak < np.inf:
+            self.best = min(self.best, longer, key=_worth)
+        return longer
+
+    def _try(self, way: Way, action: int) -> Way:
         """Return a way with one more action, and remember it; its peak is infinite where it leads to nothing."""
         order = (*way.order, action)
         if order not in self._tried:
-            self._tried[order] = longer = self._simulate(way, action)
-            if longer.peak < np.inf:
-                self.best = min(self.best, longer, key=lambda each: (-len(each.order), each[:3]))
+            self._tried[order] = self._simulate(way, action)
         return self._tried[order]
 
     def _simulate(self, way: Way, action: int) -> Way:
@@ -122,3 +163,8 @@ class _Tree:
         self._trials.n_steps += 1
         longer = one_more(self._task, way, action)
         return nothing if has_collapsed(self._task) else longer
+
+
+def _worth(way: Way) -> tuple[Any, ...]:
+    """Return what is least for the best way: one to the end, else the longest, and of several the gentlest."""
+    return way.state.outcome != SEPARATED, -len(way.order), way[:3]

@@ -23,11 +23,11 @@ def random_cut(task: Resection, legal: Array, rng: np.random.Generator) -> int:
 
 def rim_first(task: Resection, legal: Array, rng: np.random.Generator) -> int:
     """Cut the face between target and healthy tissue that lies farthest from the middle of all such faces."""
-    faces = _interface(task, legal)
+    faces = interface(task, legal)
     if len(faces) == 0:
         return random_cut(task, legal, rng)
     centroid = task.table.face_centroid
-    middle = centroid[_interface(task, np.arange(task.table.n_faces))].mean(axis=0)
+    middle = centroid[interface(task, np.arange(task.table.n_faces))].mean(axis=0)
     return int(faces[np.argmax(np.linalg.norm(centroid[faces] - middle, axis=1))])
 
 
@@ -36,30 +36,49 @@ def lever_first(task: Resection, legal: Array, rng: np.random.Generator) -> int:
 
     Both are taken as the body hangs now, so that a stalk is left behind the load, where it is pulled and not bent.
     """
-    faces = _interface(task, legal)
-    return int(faces[np.argmax(_levers(task, faces))]) if len(faces) else random_cut(task, legal, rng)
+    faces = interface(task, legal)
+    return int(faces[np.argmax(levers(task, faces))]) if len(faces) else random_cut(task, legal, rng)
 
 
-def _interface(task: Resection, legal: Array) -> Array:
+def interface(task: Resection, legal: Array) -> Array:
     """Return those legal actions that cut a face between target and healthy tissue, ascending."""
     faces: Array = legal[legal < task.table.n_faces]
     return faces[np.diff(task.scene.target[task.table.face_tetrahedra[faces]], axis=1)[:, 0]]
 
 
-def _levers(task: Resection, faces: Array) -> Array:
-    """Return how far faces are from the line along which the load pulls on what is left of their target region [m]."""
-    body, table, region_of = task.simulation.body, task.table, task.rules.region_of
-    corners = body.nodes.position[body.vertex_of].astype(np.float64)
-    slots, sides = table.face_slots[faces, 0], table.face_tetrahedra[faces]
-    away = corners[slots[:, None] // 4, OUTWARD_FACE_CORNERS[slots % 4]].mean(axis=1)
-    region = region_of[np.where(task.scene.target[sides[:, 0]], sides[:, 0], sides[:, 1])]
-    for each in np.unique(region):
-        part = task.scene.target & task.is_attached & (region_of == each)
-        away[region == each] -= np.average(corners[part].mean(axis=1), axis=0, weights=table.volume[part])
+def levers(task: Resection, actions: Array) -> Array:
+    """Return how far actions are from the line along which the load pulls, as the body hangs now [m], shape (n,).
+
+    Where there are several target regions, each is pulled along a line of its own: an action that touches one is held against
+    that, any other against the nearest.
+    """
+    table, region_of = task.table, task.rules.region_of
+    target, centroid = task.scene.target, places(task, table.n_faces + np.arange(table.n_tetrahedra))
+    is_left = target & task.is_attached
+    regions = np.unique(region_of[is_left])
+    parts = [is_left & (region_of == region) for region in regions]
+    middles = np.array([np.average(centroid[part], axis=0, weights=table.volume[part]) for part in parts])
+    away = places(task, actions)[:, None] - middles
     strength = np.linalg.norm(task.load)
     if strength > 0.0:
-        away -= np.outer(away @ task.load, task.load) / strength**2
-    return np.linalg.norm(away, axis=1)
+        away -= (away @ task.load)[..., None] * task.load / strength**2
+    distance = np.linalg.norm(away, axis=2)
+    own = np.arange(table.n_tetrahedra)[:, None].repeat(2, axis=1)
+    sides = np.concatenate([table.face_tetrahedra, own])[actions, :, None]
+    touches = (target[sides] & (region_of[sides] == regions)).any(axis=1)
+    distance[~touches & touches.any(axis=1, keepdims=True)] = np.inf
+    return np.asarray(distance.min(axis=1))
+
+
+def places(task: Resection, actions: Array) -> Array:
+    """Return where the middles of faces and tetrahedra are, as the body hangs now [m], shape (n, 3)."""
+    body, table = task.simulation.body, task.table
+    corners = body.nodes.position[body.vertex_of].astype(np.float64)
+    is_face, found = actions < table.n_faces, np.empty((len(actions), 3))
+    slots = table.face_slots[actions[is_face], :1]
+    found[is_face] = corners[slots // 4, OUTWARD_FACE_CORNERS[slots[:, 0] % 4]].mean(axis=1)
+    found[~is_face] = corners[actions[~is_face] - table.n_faces].mean(axis=1)
+    return found
 
 
 def minimum_cut_by_index(task: Resection, legal: Array, rng: np.random.Generator) -> int:

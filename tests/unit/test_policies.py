@@ -6,6 +6,7 @@ import pytest
 from agents.evaluation import estimate, evaluate, play_episode, summarise
 from agents.scripted import POLICIES, ScriptedPolicy
 from agents.table import HEADERS, as_markdown, summary_rows
+from envs.library import load_scenes
 from envs.resect import ResectEnv
 from gmapspring.errors import ConfigError, GmapspringError
 from tests.small_scene import VARIANTS, fake_certificate, small_scene, variant_scene, with_certificate
@@ -87,18 +88,21 @@ def test_rim_first_cuts_only_the_interface_and_the_outermost_face_first(env):
     assert distance[actions[0]] == pytest.approx(distance[is_interface].max())
 
 
-def test_lever_first_cuts_the_interface_farthest_from_the_line_of_the_load_as_the_body_hangs():
-    env = ResectEnv(small_scene(seed=1, load=0.02))
+@pytest.mark.parametrize("n_targets", [1, 2])
+def test_lever_first_cuts_the_interface_farthest_from_the_line_of_the_load_as_the_body_hangs(n_targets):
+    env = ResectEnv(small_scene(seed=1, load=0.02) if n_targets == 1 else load_scenes("box-288-two", "test")[:1])
     observation, _ = env.reset(seed=0)
+    region_of = env.task.rules.region_of
+    assert len(np.unique(region_of[env.scene.target])) == n_targets
     task, policy = env.task, ScriptedPolicy("lever-first").bind(env)
     while True:
         body, table, target = task.simulation.body, task.table, task.scene.target
         place = body.nodes.position[body.vertex_of]  # of each corner of each tetrahedron
-        left = target & task.is_attached
-        middle = (place[left].mean(axis=1) * table.volume[left, None]).sum(axis=0) / table.volume[left].sum()
         expected = {}
         for face, (one, other) in enumerate(table.face_tetrahedra):
             if observation["action_mask"][face] and target[one] != target[other]:
+                left = target & task.is_attached & (region_of == region_of[one if target[one] else other])
+                middle = (place[left].mean(axis=1) * table.volume[left, None]).sum(axis=0) / table.volume[left].sum()
                 shared = np.intersect1d(body.vertex_of[one], body.vertex_of[other])
                 # The area of a parallelogram over its base: distance from a line.
                 arm = body.nodes.position[shared].mean(axis=0) - middle

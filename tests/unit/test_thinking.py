@@ -9,8 +9,9 @@ from agents.scripted import ScriptedPolicy
 from agents.search import SearchPolicy
 from agents.shield import ShieldedPolicy
 from agents.trials import Trials, has_collapsed, n_simulated
-from envs.baselines import cheapest_plan
+from envs.baselines import cheapest_plan, levers
 from envs.collapse import SEPARATED
+from envs.library import load_scenes
 from envs.resect import ResectEnv
 from envs.task import Resection
 from gmapspring.errors import ConfigError
@@ -204,6 +205,33 @@ def test_an_ample_search_reaches_what_the_certificates_reach():
     blind = evaluate(make_policy("min-cut-index", env, 0), env)
     assert [episode.total_return for episode in found] == pytest.approx([episode.total_return for episode in known])
     assert not all(episode.is_success for episode in blind)
+
+
+def test_a_search_first_leaves_what_lies_behind_the_load_for_the_end():
+    env, n_followed = level_0(8), 0
+    for index in range(8):
+        env.reset(seed=0, options={"index": index})
+        task, left, order = env.task, cheapest_plan(env.task), []
+        while task.outcome is None:
+            left = left[task.action_mask()[left].astype(bool)]
+            order.append(int(left[np.argmax(levers(task, left))]))
+            task.step(order[-1])
+        if task.outcome == SEPARATED:
+            n_followed += 1
+            observation, _ = env.reset(seed=0, options={"index": index})
+            policy = SearchPolicy(len(order)).bind(env)
+            for action in order:
+                assert policy.predict(observation)[0] == action
+                observation, *_ = env.step(action)
+            assert policy.n_simulated == len(order)
+    assert n_followed > 1
+
+
+def test_a_search_of_some_descents_frees_more_than_the_best_rules_that_ask_no_simulator():
+    env = ResectEnv("box-108", "validation")
+    freed = {name: sum(episode.is_success for episode in evaluate(make_policy(name, env, 0), env))
+             for name in ("search:60", "rim-first", "lever-first")}  # fmt: skip
+    assert freed["search:60"] > max(freed["rim-first"], freed["lever-first"])
 
 
 def test_where_no_order_of_the_plan_survives_a_search_finds_a_way_round():
