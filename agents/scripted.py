@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.trials import Trials, has_collapsed
-from envs.baselines import legal_plan, lever_first, rim_first
+from envs.baselines import legal_plan, lever_first, levers, rim_first
 from envs.resect import ResectEnv
 from gmapspring.config import known_name
 from gmapspring.errors import ConfigError, GmapspringError
@@ -64,6 +64,12 @@ def choose_minimum_cut_at_random(situation: Situation) -> int:
     return int(situation.rng.choice(_plan(situation)))
 
 
+def choose_minimum_cut_by_lever(situation: Situation) -> int:
+    """Work out the cheapest plan anew and do its action that lies farthest from the line along which the load pulls."""
+    plan = _plan(situation)
+    return int(plan[np.argmax(levers(situation.env.task, plan))])
+
+
 def choose_by_lookahead(situation: Situation) -> int:
     """Try every action of the cheapest plan in the simulator and do the one after which healthy tissue strains least."""
     task = situation.env.task
@@ -96,6 +102,7 @@ POLICIES: dict[str, Callable[[Situation], int]] = {
     "lever-first": choose_lever_first,
     "min-cut-index": choose_minimum_cut_by_index,
     "min-cut-random": choose_minimum_cut_at_random,
+    "min-cut-lever": choose_minimum_cut_by_lever,
     "lookahead": choose_by_lookahead,
     "certificate": choose_by_certificate,
 }

@@ -63,14 +63,17 @@ def test_every_policy_plays_the_same_again_from_the_same_seed(name, env):
     assert first == second
 
 
-@pytest.mark.parametrize("name", ["rim-first", "lever-first", "min-cut-index", "min-cut-random", "lookahead", "certificate"])
+PLANNERS = ["rim-first", "lever-first", "min-cut-index", "min-cut-random", "min-cut-lever", "lookahead", "certificate"]
+
+
+@pytest.mark.parametrize("name", PLANNERS)
 def test_a_policy_with_a_plan_frees_the_target_where_nothing_tears(name, env):
     _, info = plays(ScriptedPolicy(name).bind(env), env)
     assert info["is_success"]
 
 
 def test_minimum_cut_policies_pay_the_least_cost(env):
-    for name in ("min-cut-index", "min-cut-random", "lookahead"):
+    for name in ("min-cut-index", "min-cut-random", "min-cut-lever", "lookahead"):
         assert plays(ScriptedPolicy(name).bind(env), env)[1]["cost_ratio"] == pytest.approx(1.0, abs=1e-6)
 
 

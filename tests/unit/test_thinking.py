@@ -11,7 +11,6 @@ from agents.shield import ShieldedPolicy
 from agents.trials import Trials, has_collapsed, n_simulated
 from envs.baselines import cheapest_plan, levers
 from envs.collapse import SEPARATED
-from envs.library import load_scenes
 from envs.resect import ResectEnv
 from envs.task import Resection
 from gmapspring.errors import ConfigError
