@@ -240,7 +240,8 @@ def test_a_body_that_keeps_what_comes_loose_moves_its_attached_part_alike(scene)
 # The studies --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("study", [labels, simplifications])
+# That of labels plays every scheme in both precisions, which takes a minute where kernels are still to be compiled.
+@pytest.mark.parametrize("study", [pytest.param(labels, marks=pytest.mark.slow), simplifications])
 def test_a_quick_study_says_what_it_measured(study):
     result = study.run(QUICK)
     assert all(table.rows for table in result.tables)
