@@ -114,7 +114,7 @@ def draw_with_depth(
     """Draw a surface and return the picture and depths [m], (height, width): of each pixel's samples the nearest, or infinite."""
     picture, nearness, window = _drawn(surface, camera, size, style or Style())
     depth = np.full(picture.shape[:2], np.inf, np.float32)
-    raster.find_depths(nearness, SAMPLES, depth[window.rows, window.columns])
+    raster.find_depths(nearness, SAMPLES, window, depth)
     return picture, depth
 
 
@@ -132,10 +132,10 @@ def _drawn(
     nearness, owner = raster.rasterise(
         screen * (SAMPLES, SAMPLES, 1.0), surface.triangles, (SAMPLES * window.width, SAMPLES * window.height), surface.is_closed
     )
-    colors = np.clip(np.nan_to_num(surface.colors), 0.0, 1.0) ** 2
-    if colors.ndim == 2:
-        colors = np.repeat(colors[:, None], 3, axis=1)
-    drawing = shading.Drawing(screen, surface.triangles, camera.turn(surface.normals), colors)
+    colors = surface.colors if surface.colors.ndim == 3 else np.repeat(surface.colors[:, None], 3, axis=1)
+    light = np.empty(colors.shape)
+    shading.square_colors(np.ascontiguousarray(colors, np.float64).reshape(-1), light.reshape(-1))
+    drawing = shading.Drawing(screen, surface.triangles, camera.turn(surface.normals), light)
     eye = (0.5 * size[0] - window.left, 0.5 * size[1] - window.top, 1.0 / camera.focal_length(size))
     look = shading.Look(float(style.gloss), float(style.wire), float(style.occlusion), eye)
     plan = np.empty((len(surface.triangles), shading.N_PLAN))

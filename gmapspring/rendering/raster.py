@@ -35,16 +35,6 @@ class Window(NamedTuple):
         """Return the number of rows."""
         return self.bottom - self.top
 
-    @property
-    def rows(self) -> slice:
-        """Return the rows, as they are taken from a picture."""
-        return slice(self.top, self.bottom)
-
-    @property
-    def columns(self) -> slice:
-        """Return the columns, likewise."""
-        return slice(self.left, self.right)
-
 
 @kernel
 def _find_reach(screen, reach):
@@ -177,15 +167,16 @@ def rasterise(
 
 
 @kernel
-def find_depths(nearness, samples, out):
-    """Write the depth [m] of the nearest of each pixel's samples, infinite where nothing is seen, (height, width)."""
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
+def find_depths(nearness, samples, window, out):
+    """Write the depth [m] of the nearest of each pixel's samples, where there are any in a window of out, (height, width)."""
+    for row in range(window.bottom - window.top):
+        for column in range(window.right - window.left):
             near = np.float32(0.0)
             for i in range(samples):
                 for j in range(samples):
                     near = max(near, nearness[samples * row + i, samples * column + j])
-            out[row, column] = np.float32(1.0) / near if near > 0.0 else np.float32(np.inf)
+            if near > 0.0:
+                out[window.top + row, window.left + column] = np.float32(1.0) / near
 
 
 _LAST = threading.local()

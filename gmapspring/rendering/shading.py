@@ -44,6 +44,14 @@ class Look(NamedTuple):
 
 
 @kernel
+def square_colors(colors, out):
+    """Write squared colours, about linear light, of values held between 0 and 1; what is no number is black."""
+    for i in range(len(colors)):
+        color = min(1.0, max(0.0, colors[i])) if colors[i] == colors[i] else 0.0
+        out[i] = color * color
+
+
+@kernel
 def _face_normals(points, triangles, out):
     """Write the outward normal of each triangle, twice its area long, and that length, (n_triangles, 4)."""
     for t in range(triangles.shape[0]):

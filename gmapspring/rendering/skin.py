@@ -52,8 +52,8 @@ def body_surface(
         colors = face_colors(is_outside, None if highlight is None else np.asarray(highlight, bool)[tetrahedra], style)
     else:
         colors = heat_colors(np.asarray(strain, dtype=np.float64)[tetrahedra] / style.strain_limit)
-    is_pinned = (body.nodes.is_pinned[triangles] & is_outside[:, None])[..., None]
-    colors = np.where(is_pinned, style.pinned, colors[:, None])
+    colors = np.repeat(colors[:, None], 3, axis=1)
+    colors[body.nodes.is_pinned[triangles] & is_outside[:, None]] = style.pinned
     is_loose = loose_tetrahedra(body)
     if is_loose.any():
         is_faded = is_loose[tetrahedra]
