@@ -12,7 +12,7 @@ from gmapspring.render import Style, Surface, draw
 from gmapspring.rendering.camera import Camera
 from gmapspring.rendering.shading import corner_normals
 from gmapspring.topology.darts import OUTWARD_FACE_CORNERS
-from gmapspring.topology.gmap import boundary_vertices, link_characteristic, singular_vertices
+from gmapspring.topology.gmap import EDGES, FACES, TETRAHEDRA, boundary_vertices, link_characteristic, singular_vertices
 
 Array = np.ndarray[Any, Any]
 
@@ -78,12 +78,8 @@ def link_surface(body: Body, node: int) -> Surface:
 
 def link_counts(body: Body, node: int) -> tuple[int, int, int]:
     """Return the numbers of edges, faces and tetrahedra round a vertex: its link's corners, edges and triangles."""
-    tetrahedra, corners = np.nonzero((body.vertex_of == node) & body.is_alive[:, None])
-    n_edges = int((body.springs.endpoints == node).any(axis=1).sum())
-    faces = np.array([[f for f in range(4) if f != corner] for corner in corners.tolist()])
-    n_free = int((body.gmap.image[tetrahedra[:, None], faces] // 24 == tetrahedra[:, None]).sum())
-    # A face between two tetrahedra is met from both.
-    return n_edges, (faces.size + n_free) // 2, len(tetrahedra)
+    link = body.gmap.link[node]
+    return int(link[EDGES]), int(link[FACES]), int(link[TETRAHEDRA])
 
 
 def _pinch(simulation: gs.Simulation) -> int:

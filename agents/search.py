@@ -100,24 +100,30 @@ class _Tree:
             return
         plan, faces = cheapest_plan(self._task), interface(self._task, np.flatnonzero(self._task.action_mask("all")))
         for actions, extend in ((plan, self._extend), (faces, self._try)):
-            place, lever = places(self._task, actions), levers(self._task, actions)
-            self._descend(actions, None, extend)
-            for stalk in np.argsort(lever, kind="stable"):
-                self._descend(actions, np.linalg.norm(place - place[stalk], axis=1), extend)
             self._task.load_state(self.root.state)
+            place, lever = places(self._task, actions), levers(self._task, actions)
+            towards = [np.linalg.norm(place - place[stalk], axis=1) for stalk in np.argsort(lever, kind="stable")]
+            for distance in (None, *towards):
+                way = self._descend(actions, distance, extend)
+                if way.state.outcome == SEPARATED:
+                    # A way over the plan is the best there is; one over other faces is what there is to go back to.
+                    self.resort = () if self.best.state.outcome == SEPARATED else way.order
+                    return
 
-    def _descend(self, actions: Array, distance: Array | None, extend: Callable[[Way, int], Way]) -> None:
-        """Do the farthest action that is left again and again; distance: None for that from the load's line at the time."""
+    def _descend(self, actions: Array, distance: Array | None, extend: Callable[[Way, int], Way]) -> Way:
+        """Do the farthest action that is left again and again; return how far that leads.
+
+        distance: of each action, shape (n,), or None for that from the load's line at the time.
+        """
         way, left = self.root, np.ones(len(actions), bool)
-        while way.state.outcome is None and way.peak < np.inf and not self.is_over and not self.resort:
+        while way.state.outcome is None and way.peak < np.inf and not self.is_over:
             self._task.load_state(way.state)
             left &= self._task.action_mask(self._mask)[actions].astype(bool)
             if not left.any():
-                return
+                break
             away = levers(self._task, actions[left]) if distance is None else distance[left]
             way = extend(way, int(actions[left][np.argmax(away)]))
-        if way.state.outcome == SEPARATED and extend == self._try:
-            self.resort = way.order
+        return way
 
     def widen(self, root: Way) -> None:
         """Carry out the cheapest plan from there by ever wider beams, until it is over or nothing falls off the beam."""
