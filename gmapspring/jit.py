@@ -17,6 +17,8 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 
 _settings: Any = numba.config
 _compile: Any = numba.njit
@@ -107,8 +109,8 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def part(function: Callable[..., Any]) -> Any:
-    """Compile a function that only kernels call; without the way in from Python it takes half as long to compile."""
-    dispatcher: Any = _compile(function, no_cpython_wrapper=True, **OPTIONS)
+    """Compile a function that only kernels call: it is optimised within each of them, and not on its own."""
+    dispatcher: Any = _compile(function, no_cpython_wrapper=True, pipeline_class=_PartCompiler, **OPTIONS)
     if not _settings.DISABLE_JIT:
 
         def refuse(*arguments: Any, **keywords: Any) -> None:
@@ -120,6 +122,34 @@ def part(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function into the one place, or the few, that call it: for large parts, which would be optimised once more."""
-    return _compile(function, inline="always", **OPTIONS)
+class _PartCompiler(Compiler):
+    """numba's compiler, into a library that is only linked into others."""
+
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *arguments: Any) -> None:
+        super().__init__(typingctx, targetctx, library, *arguments)
+        self.state.library = _PartLibrary(targetctx.codegen(), "part")
+
+
+class _PartLibrary(JITCodeLibrary):
+    """The code of one part and of those that it calls, neither optimised as a whole nor turned into machine code.
+
+    numba would do both for every function, though a kernel takes in the code of all that it calls and optimises it anew:
+    what lies several calls deep would be optimised several times.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Set nothing: the code runs nowhere."""

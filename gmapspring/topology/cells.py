@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gmapspring.jit import inlined, part
+from gmapspring.jit import part
 from gmapspring.topology.darts import CORNER_EDGES, CORNER_FACES, EDGE_CORNERS, FACE_CORNERS, FACE_EDGES
 from gmapspring.topology.gmap import (
     EDGE,
@@ -46,7 +46,7 @@ class Settled(NamedTuple):
     """Cells that have no tetrahedron left, ascending, int64 (k,)."""
 
 
-@inlined
+@part
 def open_faces(gmap, room, slots, removed):
     """Unlink faces and whole tetrahedra; return the slots that became free, the two sides of a face one after the other."""
     opened = take(room, 2 * len(slots) + 8 * len(removed))
@@ -85,7 +85,7 @@ def forget_removed(room, cell_of, dart_of, removed):
     return left[:n_left]
 
 
-@inlined
+@part
 def touched_edges(gmap, room, opened):
     """Mark the edges of freed faces as touched; return the codes 6*tetrahedron + edge of live tetrahedra."""
     codes = take(room, 3 * len(opened))
@@ -101,7 +101,7 @@ def touched_edges(gmap, room, opened):
     return codes[:n_codes]
 
 
-@inlined
+@part
 def touched_vertices(gmap, room, opened, new_edges):
     """Return the codes 4*tetrahedron + corner at which a vertex can have split; count the freed faces at all others.
 
@@ -224,7 +224,7 @@ def recount_link(gmap, vertex, members, start, stop):
     gmap.link[vertex, TETRAHEDRA] = stop - start
 
 
-@inlined
+@part
 def recount_links(gmap, settled):
     """Count what is around each vertex that has changed."""
     start = np.int64(0)

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from gmapspring.jit import inlined, part
+from gmapspring.jit import part
 from gmapspring.topology.gmap import N_LABELS
 from gmapspring.topology.room import take
 from gmapspring.topology.walks import sort, walk_component, walk_smaller_side
 
 
-@inlined
+@part
 def seeds_of_pieces(gmap, room, opened):
     """Pick live tetrahedra beside freed faces, one from each set that hangs together by shared vertices."""
     seeds = take(room, len(opened))
@@ -89,7 +89,7 @@ def relabel_components(gmap, room, opened):
     return labels[:n_labels]
 
 
-@inlined
+@part
 def relabel_all(gmap, room):
     """Do the same by walking through the whole body, which is faster once much of it has been cut.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gmapspring.addresses import address_row
 from gmapspring.errors import TopologyError
-from gmapspring.jit import inlined, kernel, part
+from gmapspring.jit import kernel, part
 from gmapspring.topology.build import ANY, read_gmap
 from gmapspring.topology.cells import (
     compact_cells,
@@ -99,7 +99,7 @@ def unsew_kernel(table, row, real, room, slots):
     unsew_faces(read_gmap(table, row, real), room, slots, slots[:0])
 
 
-@inlined
+@part
 def unsew_faces(gmap, room, slots, removed):
     """Unlink faces and remove tetrahedra, then settle all splits once. Slots and removed are ascending."""
     clear(room)

@@ -6,6 +6,7 @@ import sys
 
 import numba
 import pytest
+from numba.core.codegen import JITCodeLibrary
 
 from gmapspring.jit import kernel, part
 
@@ -103,6 +104,29 @@ def test_a_part_of_kernels_cannot_be_called_from_python():
         with pytest.raises(TypeError, match="double is a part of kernels"):
             double(3)
         assert quadruple(3) == 12
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
+def test_a_part_becomes_machine_code_only_within_the_kernels_that_call_it(monkeypatch):
+    emitted = []
+    finalize = JITCodeLibrary._finalize_specific
+    monkeypatch.setattr(JITCodeLibrary, "_finalize_specific", lambda library: (emitted.append(library), finalize(library)))
+
+    @part
+    def square(value):
+        return value * value
+
+    @part
+    def cube(value):
+        return value * square(value)
+
+    @kernel
+    def both(value):
+        return cube(value) + square(value)
+
+    assert both(3) == 36
+    (library,) = emitted
+    assert any("both" in function.name for function in library.get_defined_functions())
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
