@@ -43,8 +43,9 @@ def aims(results: Results) -> Table:
                 if found.missing:
                     seeds += f"; missing: {', '.join(map(str, found.missing))}"
                 verdict = VERDICTS.get(found.verdict, found.verdict)
-                rows.append((row.name, reach.aim, reach.scene, asked, number(found.figure), seeds, verdict))
-    return Table(("row", "aim", "test scenes of", "asked", "measured", "by seed", ""), rows)
+                figure, shielded = number(found.figure), number(found.shielded_figure)
+                rows.append((row.name, reach.aim, reach.scene, asked, figure, seeds, shielded, verdict))
+    return Table(("row", "aim", "test scenes of", "asked", "measured", "by seed", "behind its shield", ""), rows)
 
 
 def remarks(results: Results) -> Iterator[str]:

@@ -127,13 +127,24 @@ class Found(NamedTuple):
     missing: list[int]
     """Seeds that lack a figure."""
     in_every_seed: bool
+    shielded: dict[int, float]
+    """The same of the same policies behind their shield, by seed, where they were played so; no aim is reached by it."""
 
     @property
     def figure(self) -> float:
         """Return what is held against the aim: the mean over seeds, or the worst of them; NaN where there is none."""
-        if not self.by_seed:
+        return self._figure(self.by_seed)
+
+    @property
+    def shielded_figure(self) -> float:
+        """Return that figure behind the shield."""
+        return self._figure(self.shielded)
+
+    def _figure(self, by_seed: dict[int, float]) -> float:
+        """Return the mean over seeds, or the worst of them; NaN where there is none."""
+        if not by_seed:
             return float("nan")
-        values = np.array(list(self.by_seed.values()))
+        values = np.array(list(by_seed.values()))
         if not self.in_every_seed:
             return float(values.mean())
         return float(values.max() if self.quantity == "gap" else values.min())
@@ -152,21 +163,28 @@ class Found(NamedTuple):
 
 def found_for(results: Results, row: Row, reach: Reach) -> list[Found]:
     """Return one item for each figure that is aimed at."""
-    test = results.group(row.name, reach.scene)
-    figures = {
-        "return": means_by_seed(test, "total_return"),
-        "success": means_by_seed(test, "is_success"),
-        "gap": gap_by_seed(results, row.name, reach.scene),
-        ABOVE_SCRIPTS: above_scripts(results, test, reach.scene),
-    }
+    figures, shielded = (figures_of(results, name, reach.scene) for name in (row.name, f"{SHIELD}:{row.name}"))
     above = 0.0 if reach.is_above_scripts else None
     asked = {"return": reach.mean_return, "success": reach.success, "gap": reach.gap, ABOVE_SCRIPTS: above}
     seeds = results.study.seeds_of(row)
     return [
-        Found(name, limit, figures[name], [seed for seed in seeds if seed not in figures[name]], reach.in_every_seed)
+        Found(
+            name, limit, figures[name], [seed for seed in seeds if seed not in figures[name]], reach.in_every_seed, shielded[name]
+        )
         for name, limit in asked.items()
         if limit is not None
     ]
+
+
+def figures_of(results: Results, name: str, scene: str) -> dict[str, dict[int, float]]:
+    """Return all that can be aimed at, by quantity and seed, of a group on test scenes."""
+    test = results.group(name, scene)
+    return {
+        "return": means_by_seed(test, "total_return"),
+        "success": means_by_seed(test, "is_success"),
+        "gap": gap_by_seed(results, name, scene),
+        ABOVE_SCRIPTS: above_scripts(results, test, scene),
+    }
 
 
 def means_by_seed(group: Group | None, field: str) -> dict[int, float]:

@@ -81,7 +81,14 @@ def test_missing_seeds_leave_an_aim_open_unless_one_has_failed_it():
         row = results.study.rows[0]
         assert found_for(results, row, row.reach[0])[0].verdict == verdict
     assert aims(results_of()).rows[0][-1] == "**not measured**"
-    assert "missing: 1" in aims(results_of(half)).rows[0][-2]
+    assert "missing: 1" in aims(results_of(half)).rows[0][-3]
+
+
+def test_what_the_shield_adds_stands_beside_the_figure_and_reaches_no_aim():
+    groups = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("shield:base", [0.9, 1.0], [0.8, 1.0])
+    for reach, shielded in (({"return": 0.9}, "0.925"), ({"return": 0.9, "in_every_seed": True}, "0.900")):
+        assert aims(results_of(*groups, reach=reach)).rows[0][-2:] == (shielded, "**not reached**")
+    assert aims(results_of(groups[0], reach={"return": 0.9})).rows[0][-2:] == ("–", "**not reached**")
 
 
 def test_a_shielded_policy_has_a_line_of_its_own_with_the_training_of_its_row():
