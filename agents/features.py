@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 Array = np.ndarray[Any, Any]
 
@@ -161,13 +161,15 @@ def _gather(observed, is_legal, out):
                 _locate(own[_OWN_PLACE:], centres[candidate - n_faces], middle, ways)
             place += 1
         if place == out.offset[row]:
-            out.action[place], out.features[place], out.sides[place] = 0, 0.0, 0
+            out.action[place] = 0
+            _clear(out.features[place])
+            _clear(out.sides[place])
 
 
-@kernel
+@part
 def _find_ways(of_state, sides, place_of, centres, middle, ways):
     """Find the directions of the load and of the anchors' centre seen from the target's, each 0 where there is none."""
-    ways[1] = 0.0
+    _clear(ways[1])
     for tet in range(len(place_of)):
         if place_of[tet] >= 0 and sides[place_of[tet], _ANCHOR] > 0.0:
             for axis in range(3):
@@ -177,13 +179,14 @@ def _find_ways(of_state, sides, place_of, centres, middle, ways):
         ways[0, axis] = of_state[LOAD_DIRECTION + axis]
         square += ways[1, axis] * ways[1, axis]
     if square > 0.0:
-        ways[1] /= np.sqrt(square)
+        for axis in range(3):
+            ways[1, axis] /= np.sqrt(square)
 
 
-@kernel
+@part
 def _locate(place, centre, middle, ways):
     """Write where something lies, seen from the middle of the target."""
-    place[:3] = 0.0
+    _clear(place[:3])
     for axis in range(3):
         offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
         place[3 + axis] = offset
@@ -193,11 +196,11 @@ def _locate(place, centre, middle, ways):
     place[0] = np.sqrt(place[0])
 
 
-@kernel
+@part
 def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
     """Fill what every attached tetrahedron shows and whom it is sewn to, its rest centroid [h], and the target's centre [h]."""
     tetrahedra, sewn_to = observed.tetrahedra[row], observed.tetrahedron_neighbours[row]
-    middle[:] = 0.0
+    _clear(middle)
     n_target, n_met = 0, 0
     for tet in range(len(place_of)):
         place_of[tet] = -1
@@ -205,14 +208,16 @@ def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
             place_of[tet] = n_met
             n_met += 1
     if n_met == 0:
-        sides[:], neighbours[:] = 0.0, -1
+        _clear(sides[0])
+        for corner in range(4):
+            neighbours[0, corner] = -1
     for tet in range(len(place_of)):
         place = place_of[tet]
         if place < 0:
             continue
         side, centre = sides[place], centres[tet]
-        side[_COPIED:] = 0.0
-        centre[:] = 0.0
+        _clear(side[_COPIED:])
+        _clear(centre)
         for column in range(_COPIED):
             side[column] = tetrahedra[tet, IS_TARGET + column]
         for corner in range(4):
@@ -227,10 +232,11 @@ def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
             n_target += 1
             for axis in range(3):
                 middle[axis] += centre[axis]
-    middle /= np.float32(max(n_target, 1))
+    for axis in range(3):
+        middle[axis] /= np.float32(max(n_target, 1))
 
 
-@kernel
+@part
 def _add_node(nodes, node, side, centre):
     """Add a corner's share of mass and of the rest centroid."""
     side[_MASS] += _QUARTER * nodes[node, NODE_MASS]
@@ -238,7 +244,7 @@ def _add_node(nodes, node, side, centre):
         centre[axis] += _QUARTER * (nodes[node, POSITION + axis] - nodes[node, DISPLACEMENT + axis])
 
 
-@kernel
+@part
 def _relate(own, pair, sides, one, two):
     """Write both sides, the higher row first, and what follows from the two together."""
     for column in _COMPARED:
@@ -253,3 +259,10 @@ def _relate(own, pair, sides, one, two):
     own[3] = abs(first - second)
     own[4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
     own[5] = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))
+
+
+@part
+def _clear(numbers):
+    """Set all to zero: to assign to a slice takes seconds to compile."""
+    for place in range(len(numbers)):
+        numbers[place] = 0
