@@ -9,24 +9,23 @@ out -> in with the cost of its cut, and every healthy tetrahedron leaks from out
                                      face                       +--> sink (healthy: the cost of its loss)
 
 What the source still reaches comes off. Where there is a vessel, what lays it open and its loss are without limit too.
-(Ford and Fulkerson, 1956; the maximum flow is scipy's.)
+(Ford and Fulkerson, 1956.)
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from envs.action_table import ActionTable, touching_actions
 from envs.costs import face_costs, loss_costs, tetrahedron_costs
+from envs.flow import reached_from
 from envs.scene import Scene
 from gmapspring.jit import kernel
 
 Array = np.ndarray[Any, Any]
 
 FLOW_LIMIT = 2**29
-"""Largest flow in whole numbers: scipy counts in int32, where a residual may reach a capacity plus a flow."""
+"""Largest flow in whole numbers: costs are told apart to nine digits, and plans of the same cost always come out the same."""
 
 
 class MinimumCut(NamedTuple):
@@ -126,18 +125,10 @@ def _spread(links, is_met):
 def _split(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple[Array, Array]:
     """Return which tetrahedra come off and which are removed by the least cut that takes some off for certain."""
     n_tets = table.n_tetrahedra
-    source, sink = 2 * n_tets, 2 * n_tets + 1
-    graph = _network(scene, table, state, off)
     if not off.any():
         return np.zeros(n_tets, dtype=bool), np.zeros(n_tets, dtype=bool)
-    flow = maximum_flow(graph, source, sink).flow
-    residual = csr_array(graph - flow)
-    residual.data[residual.data < 0] = 0
-    residual.eliminate_zeros()
-    is_reached = np.zeros(2 * n_tets + 2, dtype=bool)
-    # Of all minimum cuts this one takes the least off; it is the same for every maximum flow.
-    is_reached[breadth_first_order(residual, source, return_predecessors=False)] = True
-    reached_in, reached_out = is_reached[:n_tets], is_reached[n_tets:source]
+    is_reached = reached_from(2 * n_tets, 2 * n_tets + 1, 2 * n_tets + 2, *_network(scene, table, state, off))
+    reached_in, reached_out = is_reached[:n_tets], is_reached[n_tets : 2 * n_tets]
     return reached_out & state.is_attached, reached_in & ~reached_out & state.is_attached
 
 
@@ -152,8 +143,8 @@ def _limit(state: _State, off: Array) -> float:
     return float(state.costs[faces[off[first] != off[second]]].sum() + state.losses[off].sum())
 
 
-def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> Any:
-    """Return the capacities in whole numbers, int32 csr; rows are in-nodes, out-nodes, source, sink."""
+def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple[Array, Array, Array]:
+    """Return arcs as (tails, heads, capacities in whole numbers); nodes are all in, all out, source, sink."""
     n_tets, n_faces, costs = table.n_tetrahedra, table.n_faces, state.costs
     attached = np.flatnonzero(state.is_attached)
     faces = np.flatnonzero(state.is_sewn)
@@ -171,8 +162,7 @@ def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> Any
         (np.full(off.sum(), 2 * n_tets), np.flatnonzero(off), np.full(off.sum(), endless)),
         (attached + n_tets, np.full(len(attached), 2 * n_tets + 1), leak[attached]),
     ]
-    rows, columns, capacities = (np.concatenate(column) for column in zip(*parts, strict=True))
+    tails, heads, capacities = (np.concatenate(column) for column in zip(*parts, strict=True))
     # One above the limit on the whole flow is as good as endless.
-    whole = np.minimum(np.rint(capacities * scale), FLOW_LIMIT + len(faces) + n_tets).astype(np.int32)
-    size = 2 * n_tets + 2
-    return csr_array((whole, (rows, columns)), shape=(size, size))
+    whole = np.minimum(np.rint(capacities * scale), FLOW_LIMIT + len(faces) + n_tets).astype(np.int64)
+    return tails, heads, whole
