@@ -2,7 +2,7 @@
 
 Dinic's algorithm (1970): phases of shortest augmenting paths, found by depth first search over the levels of a breadth first
 search. scipy's does the same, but has to be given a matrix and gives one back: for networks of a few hundred nodes, of which a
-minimum cut is asked for after every action, making matrices takes thirty times as long as the flow.
+minimum cut may be asked for after every action, the matrices take several times as long as the flow.
 """
 
 from typing import Any
