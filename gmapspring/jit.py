@@ -82,12 +82,14 @@ class _PartLibrary(JITCodeLibrary):
         self._finalize_dynamic_globals()
         self._finalized = True
 
+    # numba asks where the machine code is, and sets what it runs in: there is none.
+
     def get_pointer_to_function(self, name: str) -> int:
         return 0
 
     @property
-    def codegen(self) -> Any:
+    def codegen(self) -> "_PartLibrary":
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Set nothing: the code runs nowhere."""
+        pass
