@@ -95,6 +95,11 @@ def play(env, choose, seed=0, options=None):
             return steps
 
 
+def first_scenes(env, n=8, **seed):
+    """Return the seeds of the first scenes that an environment plays."""
+    return [env.reset(**(seed if i == 0 else {}))[1]["scene_seed"] for i in range(n)]
+
+
 def random_policy(seed=0):
     """Return a policy that draws among the legal actions."""
     rng = np.random.default_rng(seed)
