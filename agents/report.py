@@ -111,8 +111,8 @@ def _reached(results: Results) -> str:
     return (
         f"{verdicts.count('reached')} of {len(verdicts)} figures aimed at are reached. A figure is the mean over seeds and test "
         "scenes; where it is asked in every seed, the mean of the worst seed. The gap is the mean return on training scenes less "
-        "that on test scenes. Beside it stands the same of the same policies behind their shield, which tries each cut on the "
-        "simulator first: what of it the policies know not, the physics tells them. No aim counts as reached by that."
+        "that on test scenes. Beside it stands the same figure of the same policies behind their shield, which tries each cut "
+        "on the simulator first; no aim counts as reached by that."
     )
 
 

@@ -5,6 +5,7 @@ goes unseen. Here the cache folder of a kernel is named by a hash of its own fil
 not, from what lies beside its package and from ours, and of every file there that defines named tuples, which kernels take
 as arguments without importing them. A change anywhere a kernel can reach opens a fresh folder, a change elsewhere costs
 nothing, and copies of the same sources share what has been compiled, wherever they lie and however old they are.
+What others have installed is taken to stay as it is: only a new version of numba opens fresh folders.
 """
 
 import ast
