@@ -1,6 +1,7 @@
 """From a name on the command line to a policy that can play.
 
-A name is that of a scripted policy, the file of a saved one (*.zip), `search:BUDGET`, or `shield:NAME` with any of these.
+A name is that of a scripted policy, the file of a saved one (*.zip), `search:BUDGET`, or `shield:NAME` or
+`foresight:BUDGET:NAME` with any of these.
 """
 
 import pathlib
@@ -10,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.evaluation import Policy
+from agents.foresight import ForesightPolicy
 from agents.scripted import POLICIES, ScriptedPolicy
 from agents.search import SearchPolicy
 from agents.shield import ShieldedPolicy
@@ -20,7 +22,7 @@ DEFAULT_SCENE = "box-108"
 """Scene on which scripted policies are evaluated unless another is named."""
 
 
-SEARCH, SHIELD = "search", "shield"
+SEARCH, SHIELD, FORESIGHT = "search", "shield", "foresight"
 """What stands before the colon in names of policies that think."""
 
 
@@ -37,7 +39,7 @@ def is_saved(name: str) -> bool:
 
 
 def home_of(name: str) -> Setting:
-    """Return the first scene and the mask a saved policy was trained with, shielded or not, or the defaults for any other.
+    """Return the first scene and the mask a saved policy was trained with, in a wrapper or not, or the defaults for any other.
 
     Raises:
         ConfigError: there is no such policy.
@@ -46,12 +48,14 @@ def home_of(name: str) -> Setting:
     kind, _, rest = name.partition(":")
     if kind == SHIELD:
         return home_of(rest)
+    if kind == FORESIGHT:
+        return home_of(_foreseen(rest)[1])
     if kind == SEARCH:
         _budget(rest)
         return Setting(DEFAULT_SCENE, "all")
     if not is_saved(name):
         if name not in POLICIES:
-            known = closest(kind, [*POLICIES, SEARCH, SHIELD])
+            known = closest(kind, [*POLICIES, SEARCH, SHIELD, FORESIGHT])
             raise ConfigError(f"there is no policy {name!r}; {known} (or give a saved one, *.zip)")
         return Setting(DEFAULT_SCENE, "all")
     if not pathlib.Path(name).is_file():
@@ -65,19 +69,49 @@ def make_policy(name: str, env: gym.Env[Any, Any], seed: int) -> Policy:
     kind, _, rest = name.partition(":")
     if kind == SHIELD:
         return ShieldedPolicy(make_policy(rest, env, seed), env)
+    if kind == FORESIGHT:
+        budget, guide = _foreseen(rest)
+        return ForesightPolicy(guide, budget, lambda twin: make_policy(guide, twin, seed)).bind(env)
     if kind == SEARCH:
         return SearchPolicy(_budget(rest)).bind(env)
     if not is_saved(name):
         return ScriptedPolicy(name, np.random.default_rng(seed)).bind(env)
-    policy: Policy = _checkpoint().load_policy(pathlib.Path(name), env.observation_space, env.action_space)
+    checkpoint = _checkpoint()
+    import torch
+
+    # Where it is asked for other actions than its best, they come from torch's generator.
+    torch.manual_seed(seed)
+    policy: Policy = checkpoint.load_policy(pathlib.Path(name), env.observation_space, env.action_space)
     return policy
 
 
+def is_wrapper(name: str) -> bool:
+    """Return whether a name is all but the last part of that of a policy that lets another one propose.
+
+    Raises:
+        ConfigError: it would be, with another budget.
+    """
+    kind, _, rest = name.partition(":")
+    if kind == FORESIGHT:
+        _budget(rest)
+        return True
+    return name == SHIELD
+
+
 def _budget(text: str) -> int:
-    """Return the budget of a search."""
+    """Return the budget of a policy that plans."""
     if not text.isdecimal():
-        raise ConfigError(f"the budget of a search is a whole number of simulator steps, as in search:300, not {text!r}")
+        raise ConfigError(
+            "the budget of a search, or of foresight, is a whole number of simulator steps, as in search:300 or "
+            f"foresight:300:rim-first, not {text!r}"
+        )
     return int(text)
+
+
+def _foreseen(text: str) -> tuple[int, str]:
+    """Return the budget of foresight, and who proposes."""
+    budget, _, guide = text.partition(":")
+    return _budget(budget), guide
 
 
 def _checkpoint() -> Any:

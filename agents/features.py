@@ -1,6 +1,8 @@
 """What the candidate policy knows: of each legal cut, and of the tetrahedra around it, by index from the observation.
 
 A candidate is a legal action. A face has two sides, its two tetrahedra; a tetrahedron counts as both of its sides.
+Of the tetrahedra only those are shown: where a mask keeps to what lies about the target, so does the policy, and a state costs
+the same, and looks the same, in a body of any size.
 The higher side comes first (target before healthy, then anchor, then the stiffer, and so on through what a side shows),
 so a candidate reads the same however the mesh is numbered. The gathering is one compiled pass: in torch it would cost as
 much as the network.
@@ -57,7 +59,7 @@ class Candidates(NamedTuple):
     tetrahedron_offset: Array
     """Where each state's tetrahedra begin, and where the last one's end, int64, shape (n_states + 1,)."""
     tetrahedra: Array
-    """What each attached tetrahedron shows, float32, shape (n_tetrahedra, N_SIDE)."""
+    """What each tetrahedron shows that is a side of a candidate, float32, shape (n_tetrahedra, N_SIDE)."""
     neighbours: Array
     """Rows of its state's own tetrahedra that each is sewn to, -1 for none, int32, shape (n_tetrahedra, 4)."""
     of_state: Array
@@ -94,7 +96,7 @@ def _ends(lengths: Any) -> Array:
 # Columns of the observation, as numbers: a kernel that looked them up would keep old ones in its cache. A test compares.
 POSITION, DISPLACEMENT, NODE_MASS = 1, 4, 11
 AREA, CENTROID = 1, 2
-ATTACHED, IS_TARGET = 1, 2
+ATTACHED, IS_TARGET, IS_ANCHOR = 1, 2, 3
 LOAD_DIRECTION = 0
 _COPIED = 9
 _QUARTER = np.float32(0.25)
@@ -106,16 +108,18 @@ _OWN_PLACE = OWN_FEATURES.index("distance")
 
 
 def gather_candidates(observed: Observed, mask: Array) -> Candidates:
-    """Gather every legal action and what is attached, and copy the globals: the environments may overwrite what they showed.
+    """Gather every legal action and its sides, and copy the globals: the environments may overwrite what they showed.
 
     Args:
         observed: what is seen.
         mask: shape (batch, n_actions), non-zero where legal.
     """
     is_legal = mask.astype(np.bool_, copy=False)
+    n_shown = np.empty(len(is_legal), np.int64)
+    _count_shown(observed.face_tetrahedra, is_legal, n_shown)
     # A state without a legal action has a candidate all the same: a mean of nothing would be no number.
     offset = _ends(np.maximum(np.count_nonzero(is_legal, axis=1), 1))
-    tetrahedron_offset = _ends(np.maximum(np.count_nonzero(observed.tetrahedra[:, :, ATTACHED], axis=1), 1))
+    tetrahedron_offset = _ends(np.maximum(n_shown, 1))
     n_candidates, n_tets = offset[-1], tetrahedron_offset[-1]
     found = Candidates(
         offset, np.empty(n_candidates, np.int32), np.empty((n_candidates, N_OWN), np.float32),
@@ -124,6 +128,14 @@ def gather_candidates(observed: Observed, mask: Array) -> Candidates:
     )  # fmt: skip
     _gather(observed, is_legal, found)
     return found
+
+
+@kernel
+def _count_shown(face_tetrahedra, is_legal, n_shown):
+    """Count the tetrahedra that each observation shows."""
+    place_of = np.empty(is_legal.shape[1] - face_tetrahedra.shape[1], np.int32)
+    for row in range(len(n_shown)):
+        n_shown[row] = _place_shown(face_tetrahedra[row], is_legal[row], place_of)
 
 
 @kernel
@@ -136,11 +148,17 @@ def _gather(observed, is_legal, out):
     for row in range(is_legal.shape[0]):
         start, stop = out.tetrahedron_offset[row], out.tetrahedron_offset[row + 1]
         sides, neighbours = out.tetrahedra[start:stop], out.neighbours[start:stop]
-        _fill_sides(observed, row, sides, neighbours, place_of, centres, middle)
-        _find_ways(observed.globals[row], sides, place_of, centres, middle, ways)
+        if _place_shown(observed.face_tetrahedra[row], is_legal[row], place_of) == 0:
+            _clear(sides[0])
+            for corner in range(4):
+                neighbours[0, corner] = -1
+        _find_centres(observed, row, centres, middle)
+        _find_ways(observed, row, centres, middle, ways)
         for tet in range(len(place_of)):
             if place_of[tet] >= 0:
-                _locate(sides[place_of[tet], _SIDE_PLACE:], centres[tet], middle, ways)
+                side = sides[place_of[tet]]
+                _fill_side(observed, row, tet, side, neighbours[place_of[tet]], place_of)
+                _locate(side[_SIDE_PLACE:], centres[tet], middle, ways)
         faces, face_tetrahedra = observed.faces[row], observed.face_tetrahedra[row]
         place = out.offset[row]
         for candidate in range(is_legal.shape[1]):
@@ -167,16 +185,56 @@ def _gather(observed, is_legal, out):
 
 
 @part
-def _find_ways(of_state, sides, place_of, centres, middle, ways):
-    """Find the directions of the load and of the anchors' centre seen from the target's, each 0 where there is none."""
-    _clear(ways[1])
+def _place_shown(face_tetrahedra, is_legal, place_of):
+    """Number the tetrahedra that are sides of legal actions, ascending, and all others -1; return how many there are."""
+    n_faces, n_shown = len(face_tetrahedra), 0
     for tet in range(len(place_of)):
-        if place_of[tet] >= 0 and sides[place_of[tet], _ANCHOR] > 0.0:
+        place_of[tet] = 0 if is_legal[n_faces + tet] else -1
+    for face in range(n_faces):
+        if is_legal[face]:
+            for side in range(2):
+                place_of[int(face_tetrahedra[face, side])] = 0
+    for tet in range(len(place_of)):
+        if place_of[tet] == 0:
+            place_of[tet] = n_shown
+            n_shown += 1
+    return n_shown
+
+
+@part
+def _find_centres(observed, row, centres, middle):
+    """Find the rest centroids of all attached tetrahedra, and the target's centre, the mean of its own [h]."""
+    nodes, tetrahedra = observed.nodes[row], observed.tetrahedra[row]
+    n_target = 0
+    _clear(middle)
+    for tet in range(len(centres)):
+        if tetrahedra[tet, ATTACHED] == 0.0:
+            continue
+        _clear(centres[tet])
+        for corner in range(4):
+            node = nodes[int(observed.tetrahedron_nodes[row, tet, corner])]
+            for axis in range(3):
+                centres[tet, axis] += _QUARTER * (node[POSITION + axis] - node[DISPLACEMENT + axis])
+        if tetrahedra[tet, IS_TARGET] > 0.0:
+            n_target += 1
+            for axis in range(3):
+                middle[axis] += centres[tet, axis]
+    for axis in range(3):
+        middle[axis] /= np.float32(max(n_target, 1))
+
+
+@part
+def _find_ways(observed, row, centres, middle, ways):
+    """Find the directions of the load and of the anchors' centre seen from the target's, each 0 where there is none."""
+    tetrahedra = observed.tetrahedra[row]
+    _clear(ways[1])
+    for tet in range(len(centres)):
+        if tetrahedra[tet, ATTACHED] > 0.0 and tetrahedra[tet, IS_ANCHOR] > 0.0:
             for axis in range(3):
                 ways[1, axis] += centres[tet, axis] - middle[axis]
     square = np.float32(0.0)
     for axis in range(3):
-        ways[0, axis] = of_state[LOAD_DIRECTION + axis]
+        ways[0, axis] = observed.globals[row, LOAD_DIRECTION + axis]
         square += ways[1, axis] * ways[1, axis]
     if square > 0.0:
         for axis in range(3):
@@ -197,51 +255,20 @@ def _locate(place, centre, middle, ways):
 
 
 @part
-def _fill_sides(observed, row, sides, neighbours, place_of, centres, middle):
-    """Fill what every attached tetrahedron shows and whom it is sewn to, its rest centroid [h], and the target's centre [h]."""
-    tetrahedra, sewn_to = observed.tetrahedra[row], observed.tetrahedron_neighbours[row]
-    _clear(middle)
-    n_target, n_met = 0, 0
-    for tet in range(len(place_of)):
-        place_of[tet] = -1
-        if tetrahedra[tet, ATTACHED] > 0.0:
-            place_of[tet] = n_met
-            n_met += 1
-    if n_met == 0:
-        _clear(sides[0])
-        for corner in range(4):
-            neighbours[0, corner] = -1
-    for tet in range(len(place_of)):
-        place = place_of[tet]
-        if place < 0:
-            continue
-        side, centre = sides[place], centres[tet]
-        _clear(side[_COPIED:])
-        _clear(centre)
-        for column in range(_COPIED):
-            side[column] = tetrahedra[tet, IS_TARGET + column]
-        for corner in range(4):
-            neighbour = int(sewn_to[tet, corner])
-            neighbours[place, corner] = -1
-            if neighbour >= 0:
-                neighbours[place, corner] = place_of[neighbour]
-                is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
-                side[_TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += _QUARTER
-            _add_node(observed.nodes[row], int(observed.tetrahedron_nodes[row, tet, corner]), side, centre)
-        if side[_TARGET] > 0.0:
-            n_target += 1
-            for axis in range(3):
-                middle[axis] += centre[axis]
-    for axis in range(3):
-        middle[axis] /= np.float32(max(n_target, 1))
-
-
-@part
-def _add_node(nodes, node, side, centre):
-    """Add a corner's share of mass and of the rest centroid."""
-    side[_MASS] += _QUARTER * nodes[node, NODE_MASS]
-    for axis in range(3):
-        centre[axis] += _QUARTER * (nodes[node, POSITION + axis] - nodes[node, DISPLACEMENT + axis])
+def _fill_side(observed, row, tet, side, neighbours, place_of):
+    """Fill what a tetrahedron shows, but for where it lies, and which of those that are shown it is sewn to."""
+    tetrahedra = observed.tetrahedra[row]
+    _clear(side[_COPIED:])
+    for column in range(_COPIED):
+        side[column] = tetrahedra[tet, IS_TARGET + column]
+    for corner in range(4):
+        neighbour = int(observed.tetrahedron_neighbours[row, tet, corner])
+        neighbours[corner] = -1
+        if neighbour >= 0:
+            neighbours[corner] = place_of[neighbour]
+            is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
+            side[_TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += _QUARTER
+        side[_MASS] += _QUARTER * observed.nodes[row, int(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
 
 
 @part

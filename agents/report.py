@@ -8,7 +8,7 @@ from typing import Any
 from agents import report_tables as tables
 from agents.report_plots import pictures
 from agents.report_tables import Table
-from agents.results import Results, read_results
+from agents.results import Results, found_for, read_results
 from agents.study_config import StudyConfig
 from agents.study_jobs import STUDY_FILE
 from agents.table import as_markdown
@@ -108,11 +108,18 @@ def made_with(made: Iterable[dict[str, Any]]) -> str:
 def _reached(results: Results) -> str:
     """Return how many aims are reached."""
     verdicts = [row[-1] for row in tables.aims(results).rows]
+    found = [each for row in results.study.rows for reach in row.reach for each in found_for(results, row, reach)]
+    would = [f"with {wrapper} it would be {sum(each.is_met_by(each.figure_with(wrapper)) for each in found)}"
+             for wrapper in results.study.wrappers]  # fmt: skip
+    others = (
+        " Beside it stands the same figure of the same policies where the simulator is asked before a cut is made, by a shield, "
+        "which tries each cut first, or with foresight, which plays whole ways out first. No aim counts as reached by that: "
+        f"{', '.join(would)}."
+    )
     return (
         f"{verdicts.count('reached')} of {len(verdicts)} figures aimed at are reached. A figure is the mean over seeds and test "
         "scenes; where it is asked in every seed, the mean of the worst seed. The gap is the mean return on training scenes less "
-        "that on test scenes. Beside it stands the same figure of the same policies behind their shield, which tries each cut "
-        "on the simulator first; no aim counts as reached by that."
+        f"that on test scenes.{others if would else ''}"
     )
 
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.choice import SHIELD
 from agents.evaluation import Episode
 from agents.results import Array, Curve, Group, Results, found_for, gap_by_seed, means_by_seed
 from agents.statistics import estimate, estimate_difference, estimate_share, interquartile_mean
@@ -43,9 +42,10 @@ def aims(results: Results) -> Table:
                 if found.missing:
                     seeds += f"; missing: {', '.join(map(str, found.missing))}"
                 verdict = VERDICTS.get(found.verdict, found.verdict)
-                figure, shielded = number(found.figure), number(found.shielded_figure)
-                rows.append((row.name, reach.aim, reach.scene, asked, figure, seeds, shielded, verdict))
-    return Table(("row", "aim", "test scenes of", "asked", "measured", "by seed", "behind its shield", ""), rows)
+                others = [number(found.figure_with(wrapper)) for wrapper in results.study.wrappers]
+                rows.append((row.name, reach.aim, reach.scene, asked, number(found.figure), seeds, *others, verdict))
+    headers = ("row", "aim", "test scenes of", "asked", "measured", "by seed")
+    return Table((*headers, *(f"with {wrapper}" for wrapper in results.study.wrappers), ""), rows)
 
 
 def remarks(results: Results) -> Iterator[str]:
@@ -76,7 +76,7 @@ def policies(results: Results, scene: str) -> Table:
     groups.sort(key=lambda group: -float(group.values("total_return").mean()))
     headers = ("policy", "seeds x scenes", "interquartile mean return", "mean return", "success", "set regret", "order regret",
                "other ends", "simulated steps", "steps/s", "training CPU s")  # fmt: skip
-    return Table(headers, [_policy_row(group, results.curves.get(group.name.removeprefix(f"{SHIELD}:"), {})) for group in groups])
+    return Table(headers, [_policy_row(group, results.curves.get(group.name.split(":")[-1], {})) for group in groups])
 
 
 def _policy_row(group: Group, curves: dict[int, Curve]) -> tuple[str, ...]:
@@ -168,7 +168,7 @@ def ablations(results: Results) -> Table:
             continue
         for played in results.study.evaluations_of(row):
             ours, base = (results.group(name, played.scene, played.split) for name in (row.name, row.ablates))
-            if played.split != "test" or played.is_shielded or ours is None or base is None:
+            if played.split != "test" or played.wrapper or ours is None or base is None:
                 continue
             differences = [estimate_difference(*(each.values(field).astype(float) for each in (ours, base)))
                            for field in ("total_return", "is_success")]  # fmt: skip

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from agents.choice import SHIELD
 from agents.evaluation import Episode
-from agents.study_config import Evaluation, Reach, Row, StudyConfig
+from agents.study_config import Evaluation, Reach, Row, StudyConfig, wrapped
 from agents.study_jobs import DONE, Job, jobs_of, read_stamp, state_of
 
 Array = np.ndarray[Any, Any]
@@ -19,7 +18,7 @@ class Group(NamedTuple):
     """All episodes of one row, or of one scripted policy, on the scenes of one split."""
 
     name: str
-    """Of the row, with `shield:` before it where it was shielded, or of the scripted policy."""
+    """Of the row, after that of its wrapper if it has one, or of the scripted policy."""
     scene: str
     split: str
     by_seed: dict[int, list[Episode]]
@@ -83,8 +82,8 @@ def _groups(jobs: Sequence[Job]) -> list[Group]:
     groups: dict[tuple[str, str, str], Group] = {}
     for job in jobs:
         assert job.played is not None
-        is_shielded = isinstance(job.played, Evaluation) and job.played.is_shielded
-        key = (f"{SHIELD}:{job.row}" if is_shielded else job.row, job.played.scene, job.played.split)
+        wrapper = job.played.wrapper if isinstance(job.played, Evaluation) else None
+        key = (wrapped(wrapper, job.row), job.played.scene, job.played.split)
         group = groups.setdefault(key, Group(*key, {}, job.seed is not None))
         group.by_seed[job.seed or 0] = read_episodes(job.output)
     return list(groups.values())
@@ -127,18 +126,17 @@ class Found(NamedTuple):
     missing: list[int]
     """Seeds that lack a figure."""
     in_every_seed: bool
-    shielded: dict[int, float]
-    """The same of the same policies behind their shield, by seed, where they were played so; no aim is reached by it."""
+    wrapped: dict[str, dict[int, float]]
+    """The same of the same policies in each wrapper of the study, by seed, where they were played so; no aim is reached by it."""
 
     @property
     def figure(self) -> float:
         """Return what is held against the aim: the mean over seeds, or the worst of them; NaN where there is none."""
         return self._figure(self.by_seed)
 
-    @property
-    def shielded_figure(self) -> float:
-        """Return that figure behind the shield."""
-        return self._figure(self.shielded)
+    def figure_with(self, wrapper: str) -> float:
+        """Return that figure of the policies in a wrapper."""
+        return self._figure(self.wrapped[wrapper])
 
     def _figure(self, by_seed: dict[int, float]) -> float:
         """Return the mean over seeds, or the worst of them; NaN where there is none."""
@@ -149,12 +147,16 @@ class Found(NamedTuple):
             return float(values.mean())
         return float(values.max() if self.quantity == "gap" else values.min())
 
+    def is_met_by(self, figure: float) -> bool:
+        """Return whether a figure would reach the aim."""
+        return figure <= self.asked if self.quantity == "gap" else figure >= self.asked
+
     @property
     def verdict(self) -> str:
         """Return whether the aim is reached."""
         if not self.by_seed:
             return "not measured"
-        is_reached = self.figure <= self.asked if self.quantity == "gap" else self.figure >= self.asked
+        is_reached = self.is_met_by(self.figure)
         # A worst seed that fails is known to fail; all else waits for the seeds that are missing.
         if self.missing and (is_reached or not self.in_every_seed):
             return "seeds missing"
@@ -163,13 +165,15 @@ class Found(NamedTuple):
 
 def found_for(results: Results, row: Row, reach: Reach) -> list[Found]:
     """Return one item for each figure that is aimed at."""
-    figures, shielded = (figures_of(results, name, reach.scene) for name in (row.name, f"{SHIELD}:{row.name}"))
+    figures = figures_of(results, row.name, reach.scene)
+    others = {wrapper: figures_of(results, wrapped(wrapper, row.name), reach.scene) for wrapper in results.study.wrappers}
     above = 0.0 if reach.is_above_scripts else None
     asked = {"return": reach.mean_return, "success": reach.success, "gap": reach.gap, ABOVE_SCRIPTS: above}
     seeds = results.study.seeds_of(row)
     return [
         Found(
-            name, limit, figures[name], [seed for seed in seeds if seed not in figures[name]], reach.in_every_seed, shielded[name]
+            name, limit, figures[name], [seed for seed in seeds if seed not in figures[name]], reach.in_every_seed,
+            {wrapper: found[name] for wrapper, found in others.items()},
         )
         for name, limit in asked.items()
         if limit is not None

@@ -12,51 +12,31 @@ from typing import Any
 
 import numpy as np
 
-from agents.scripted import RulePolicy, Situation, choose_minimum_cut_by_index
+from agents.planner import Planner
+from agents.scripted import Situation, choose_minimum_cut_by_index
 from agents.trials import Trials, has_collapsed
 from envs.baselines import cheapest_plan, interface, levers, places
 from envs.collapse import SEPARATED
 from envs.order import Way, next_beam, one_more, way_so_far
 from envs.resect import ResectEnv
-from envs.task import Resection
 
 Array = np.ndarray[Any, Any]
 
 
-class SearchPolicy(RulePolicy):
-    """Search an order before the first cut, and again where it was not followed; play the best one found.
-
-    Once the budget is spent and the order played, go on with the cheapest plan by index.
-    """
+class SearchPolicy(Planner):
+    """Play the best order found; once the budget is spent and the order played, go on with the cheapest plan by index."""
 
     def __init__(self, budget: int) -> None:
         """Take the budget: steps of the simulator to be spent in an episode, at most."""
-        super().__init__(f"search:{budget}")
-        self.budget = budget
-        self._task: Resection | None = None
-        self._n_steps = 0
-        self._order: tuple[int, ...] = ()
-        self._limit = 0
+        super().__init__(f"search:{budget}", budget)
 
-    def choose(self, situation: Situation) -> int:
-        """Return the next action of the order, or of the cheapest plan where there is none."""
-        self._look_round(situation.env)
-        if not self._order or self._order[0] not in situation.legal:
-            self._order = best_order(situation.env, self._trials, self._limit)
-        if self._order and self._order[0] in situation.legal:
-            return self._order[0]
+    def plan(self, env: ResectEnv, limit: int) -> tuple[int, ...]:
+        """Return the best order found."""
+        return best_order(env, self._trials, limit)
+
+    def choose_without_plan(self, situation: Situation) -> int:
+        """Return the next action of the cheapest plan."""
         return choose_minimum_cut_by_index(situation)
-
-    def _look_round(self, env: ResectEnv) -> None:
-        """Take note of what has happened since the last choice: a new episode, the next step of the order, or another one."""
-        if env.task is not self._task or env.n_steps < self._n_steps:
-            self._order = ()
-            self._limit = self._trials.n_steps + self.budget
-        elif env.n_steps > self._n_steps:
-            # What has been cut cannot be cut again.
-            is_followed = env.n_steps == self._n_steps + 1 and not env.action_masks()[list(self._order[:1])].any()
-            self._order = self._order[1:] if is_followed else ()
-        self._task, self._n_steps = env.task, env.n_steps
 
 
 def best_order(env: ResectEnv, trials: Trials, limit: int) -> tuple[int, ...]:

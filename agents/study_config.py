@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, NonNegativeInt, field_validator, model_validator
 
-from agents.choice import home_of, is_saved
+from agents.choice import FORESIGHT, SHIELD, home_of, is_saved, is_wrapper
 from agents.training_config import MaskName, TrainingConfig
 from envs.library import load_scenes
 from envs.scene_config import SplitName
@@ -43,6 +43,16 @@ def _known_policy(name: str) -> str:
     except ConfigError as error:
         raise ValueError(str(error)) from None
     return name
+
+
+def _known_wrapper(name: str) -> str:
+    """Return the name of what a policy can be wrapped in, or raise."""
+    try:
+        if is_wrapper(name):
+            return name
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
+    raise ValueError(f"{name!r} wraps no policy; give {SHIELD!r} or {FORESIGHT + ':BUDGET'!r}")
 
 
 def _unique_seeds(seeds: list[int]) -> list[int]:
@@ -84,13 +94,13 @@ class Evaluation(PlayedScenes):
 
     mask: MaskName | None = None
     """What counts as legal; what the policy was trained with, if left out."""
-    is_shielded: bool = False
-    """Whether the policy tries each cut on the simulator before it makes it, see `agents.shield`."""
+    wrapper: Annotated[str, AfterValidator(_known_wrapper)] | None = None
+    """What asks the simulator before the policy's cuts are made, `shield` or `foresight:BUDGET`; by default nothing does."""
 
     @property
     def title(self) -> str:
-        """Return scene, split and shield as one word, for files and headings."""
-        return super().title + ("-shielded" if self.is_shielded else "")
+        """Return scene, split and wrapper as one word, for files and headings; a file's name may hold no colon everywhere."""
+        return super().title + (f"-{self.wrapper.replace(':', '-')}" if self.wrapper else "")
 
 
 class Scripts(PlayedScenes):
@@ -192,6 +202,11 @@ class StudyConfig(Config):
         """Return what a row is evaluated on."""
         return row.evaluate if row.ablates is None else self.row(row.ablates).evaluate
 
+    @property
+    def wrappers(self) -> list[str]:
+        """Return what policies are wrapped in, in the order in which the rows name it."""
+        return list(dict.fromkeys(played.wrapper for row in self.rows for played in row.evaluate if played.wrapper))
+
     def needed_by(self, names: list[str]) -> set[str]:
         """Return names of rows with those of all rows that they start from.
 
@@ -229,12 +244,17 @@ def _mistakes(row: Row, earlier: list[Row]) -> list[str]:
     titles = [played.title for played in row.evaluate]
     if len(set(titles)) < len(titles):
         found.append("scenes are evaluated on twice")
-    plain = {(played.scene, played.split) for played in row.evaluate if not played.is_shielded}
+    plain = {(played.scene, played.split) for played in row.evaluate if played.wrapper is None}
     for reach in row.reach:
         wanted = ["test", "train"] if reach.gap is not None else ["test"]
         found += [f"reach asks for {reach.scene!r}, which is not evaluated on split {split!r}" for split in wanted
                   if (reach.scene, split) not in plain]  # fmt: skip
     return found
+
+
+def wrapped(wrapper: str | None, name: str) -> str:
+    """Return the name of a policy in a wrapper, if there is one."""
+    return name if wrapper is None else f"{wrapper}:{name}"
 
 
 def load_study(name: str) -> StudyConfig:

@@ -19,8 +19,7 @@ import pathlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from agents.choice import SHIELD
-from agents.study_config import SCRIPTS, Evaluation, PlayedScenes, Row, Scripts, StudyConfig, load_training
+from agents.study_config import SCRIPTS, Evaluation, PlayedScenes, Row, Scripts, StudyConfig, load_training, wrapped
 from envs.library import certificate_path, load_scene_config, load_scenes
 from gmapspring.paths import write_atomically
 
@@ -130,7 +129,7 @@ def _files_of(scenes: Sequence[str]) -> tuple[pathlib.Path, ...]:
 def _judging(training: Job, played: Evaluation) -> Job:
     """Return an evaluation of what a training has made."""
     csv = training.place / "evaluation" / f"{played.title}.csv"
-    policy = f"{SHIELD}:{training.output}" if played.is_shielded else str(training.output)
+    policy = wrapped(played.wrapper, str(training.output))
     return _evaluation(training.row, policy, training, played, csv)
 
 

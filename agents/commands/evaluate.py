@@ -19,7 +19,10 @@ from gmapspring.paths import write_atomically
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    names = f"a saved policy (*.zip), {', '.join(POLICIES)}, search:BUDGET (simulator steps), or shield: and any of these"
+    names = (
+        f"a saved policy (*.zip), {', '.join(POLICIES)}, search:BUDGET (simulator steps), or shield: or foresight:BUDGET: "
+        "and any of these"
+    )
     parser.add_argument("policies", nargs="+", metavar="POLICY", help=names)
     parser.add_argument("--scene", help="a shipped scene or a scene file [the policy's own, or box-108]")
     parser.add_argument("--split", default="test", help="train, validation or test [test]")
@@ -100,7 +103,7 @@ COMMAND = Command(
     "play held-out scenes and print a table",
     "evaluate certificate --split test\n"
     "evaluate lookahead --scene box-108 --split test --episodes 16\n"
-    "evaluate shield:rim-first search:100 --scene box-108\n"
+    "evaluate shield:rim-first foresight:100:rim-first search:100 --scene box-108\n"
     "evaluate rim-first shield:rim-first --scene box-192 --episodes 4 --video runs/two.gif\n"
     "evaluate runs/box-108/best.zip --out runs/box-108/test.csv",
     add_arguments,

@@ -14,8 +14,10 @@ from agents.study_config import StudyConfig
 from agents.study_jobs import MISSING, jobs_of
 from gmapspring.config import check_config
 
-EVALUATE = [{"scene": "box-48"}, {"scene": "box-48", "split": "train"}]
-REACH = {"aim": "to be good", "scene": "box-48"}
+WRAPPERS = ["shield", "foresight:30"]
+SCENE = {"scene": "box-48"}
+EVALUATE = [SCENE, SCENE | {"split": "train"}, *(SCENE | {"wrapper": name} for name in WRAPPERS)]
+REACH = SCENE | {"aim": "to be good"}
 
 
 def study_of(reach):
@@ -81,20 +83,30 @@ def test_missing_seeds_leave_an_aim_open_unless_one_has_failed_it():
         row = results.study.rows[0]
         assert found_for(results, row, row.reach[0])[0].verdict == verdict
     assert aims(results_of()).rows[0][-1] == "**not measured**"
-    assert "missing: 1" in aims(results_of(half)).rows[0][-3]
+    assert "missing: 1" in aims(results_of(half)).rows[0][-4]
 
 
-def test_what_the_shield_adds_stands_beside_the_figure_and_reaches_no_aim():
+def test_what_the_simulator_adds_stands_beside_the_figure_and_reaches_no_aim():
     groups = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("shield:base", [0.9, 1.0], [0.8, 1.0])
     for reach, shielded in (({"return": 0.9}, "0.925"), ({"return": 0.9, "in_every_seed": True}, "0.900")):
-        assert aims(results_of(*groups, reach=reach)).rows[0][-2:] == (shielded, "**not reached**")
-    assert aims(results_of(groups[0], reach={"return": 0.9})).rows[0][-2:] == ("–", "**not reached**")
+        found = aims(results_of(*groups, reach=reach))
+        assert found.headers[-3:] == ("with shield", "with foresight:30", "")
+        assert found.rows[0][-3:] == (shielded, "–", "**not reached**")
+    assert aims(results_of(groups[0], reach={"return": 0.9})).rows[0][-3:] == ("–", "–", "**not reached**")
 
 
-def test_a_shielded_policy_has_a_line_of_its_own_with_the_training_of_its_row():
-    curve = Curve(*np.ones((4, 1)), 100, 33.0)
-    found = policies(results_of(group_of("base", [0.5]), group_of("shield:base", [0.9]), curves={"base": {0: curve}}), "box-48")
-    assert [(row[0], row[-1]) for row in found.rows] == [("**shield:base**", "33"), ("**base**", "33")]
+def test_how_many_aims_the_simulator_would_reach_is_told():
+    groups = group_of("base", [0.5, 0.7]), group_of("foresight:30:base", [0.9, 1.0])
+    text = page(results_of(*groups, reach={"return": 0.9}), [])
+    assert "0 of 1 figures aimed at are reached" in text
+    assert "with shield it would be 0, with foresight:30 it would be 1." in text
+
+
+def test_a_policy_in_a_wrapper_has_a_line_of_its_own_with_the_training_of_its_row():
+    curve, names = Curve(*np.ones((4, 1)), 100, 33.0), ["base", "shield:base", "foresight:30:base"]
+    groups = [group_of(name, [0.1 * number]) for number, name in enumerate(names)]
+    found = policies(results_of(*groups, curves={"base": {0: curve}}), "box-48")
+    assert [(row[0], row[-1]) for row in found.rows] == [(f"**{name}**", "33") for name in reversed(names)]
 
 
 def test_a_policy_is_held_against_scripts_that_neither_simulate_nor_know_the_answer():

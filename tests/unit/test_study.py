@@ -124,16 +124,27 @@ def test_jobs_come_in_the_order_of_the_file_and_know_what_they_need(tmp_path):
     assert judging.arguments[-2:] == ("--mask", "focus")
 
 
-def test_a_shielded_evaluation_is_one_of_its_own(tmp_path):
+@pytest.mark.parametrize(("wrapper", "file"), [("shield", "box-48-test-shield"), ("foresight:30", "box-48-test-foresight-30")])
+def test_an_evaluation_in_a_wrapper_is_one_of_its_own(tmp_path, wrapper, file):
     scene = {"scene": "box-48"}
-    study = check_config(SMALL | {"rows": [BASE | {"evaluate": [scene, scene | {"is_shielded": True}]}]}, StudyConfig)
-    plain, shielded = jobs_of(study, tmp_path)[1:3]
-    assert [job.name for job in (plain, shielded)] == ["base/seed-0/box-48-test", "base/seed-0/box-48-test-shielded"]
-    assert shielded.arguments[1] == f"shield:{plain.arguments[1]}" and shielded.output != plain.output
+    study = check_config(SMALL | {"rows": [BASE | {"evaluate": [scene, scene | {"wrapper": wrapper}]}]}, StudyConfig)
+    plain, wrapped = jobs_of(study, tmp_path)[1:3]
+    assert [job.name for job in (plain, wrapped)] == ["base/seed-0/box-48-test", f"base/seed-0/{file}"]
+    assert wrapped.arguments[1] == f"{wrapper}:{plain.arguments[1]}" and wrapped.output != plain.output
+    assert study.wrappers == [wrapper]
     # an aim is held against the policy alone
-    lonely = {"evaluate": [scene | {"is_shielded": True}], "reach": [scene | {"aim": "a", "return": 0.5}]}
+    lonely = {"evaluate": [scene | {"wrapper": wrapper}], "reach": [scene | {"aim": "a", "return": 0.5}]}
     with pytest.raises(ConfigError, match="not evaluated on split 'test'"):
         check_config(SMALL | {"rows": [BASE | lonely]}, StudyConfig)
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "words"),
+    [("sheild", "give 'shield' or 'foresight:BUDGET'"), ("search:30", "wraps no policy"), ("foresight:ten", "not 'ten'")],
+)
+def test_a_wrapper_that_means_nothing_is_refused(wrapper, words):
+    with pytest.raises(ConfigError, match=words):
+        check_config(SMALL | {"rows": [BASE | {"evaluate": [{"scene": "box-48", "wrapper": wrapper}]}]}, StudyConfig)
 
 
 def test_an_ablation_is_evaluated_as_the_row_that_it_ablates(tmp_path):

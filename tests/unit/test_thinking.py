@@ -17,7 +17,10 @@ from gmapspring.errors import ConfigError
 from tests.bits import assert_same_bits, bits_of
 from tests.small_scene import small_scene
 
-THINKERS = ("lookahead", "search:40", "shield:min-cut-index", "shield:lookahead", "shield:search:40")
+THINKERS = (
+    "lookahead", "search:40", "shield:min-cut-index", "shield:lookahead", "shield:search:40", "foresight:40:min-cut-index",
+    "foresight:40:shield:rim-first",
+)  # fmt: skip
 FIRST = np.array([True])
 
 
@@ -305,7 +308,8 @@ def test_names_may_be_nested():
     env = ResectEnv(small_scene())
     assert isinstance(make_policy("shield:search:100", env, 0), ShieldedPolicy)
     assert make_policy("search:100", env, 0).budget == 100
-    assert home_of("shield:search:100") == home_of("search:0") == home_of("random")
+    assert home_of("shield:search:100") == home_of("search:0") == home_of("foresight:9:shield:random") == home_of("random")
+    assert make_policy("foresight:9:shield:random", env, 0).budget == 9
 
 
 @pytest.mark.parametrize(
@@ -318,6 +322,9 @@ def test_names_may_be_nested():
         ("search:-1", "not '-1'"),
         ("search", "as in search:300"),
         ("shield:missing.zip", "cannot read missing.zip"),
+        ("foresight:missing.zip", "not 'missing.zip'"),
+        ("foresight:30:radnom", "did you mean 'random'"),
+        ("forsight:30:random", "did you mean 'foresight'"),
     ],
 )
 def test_a_name_that_means_nothing_is_refused(name, words):

@@ -1,0 +1,150 @@
+"""Foresight: a policy that is played out on the simulator first frees more, spends what it may, and shows nothing of it."""
+
+import numpy as np
+import pytest
+
+from agents.choice import make_policy
+from agents.evaluation import evaluate, play_episode
+from agents.foresight import PATIENCE, ForesightPolicy
+from agents.scripted import ScriptedPolicy
+from envs.resect import ResectEnv
+from envs.task import Resection
+from tests.small_scene import small_scene
+
+
+class Chooser:
+    """Propose the first legal action of an order that is given, or of one of its own each time it is drawn."""
+
+    def __init__(self, best, drawn=()):
+        self.best, self.drawn, self.n_asked = best, drawn, 0
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
+        self.n_asked += 1
+        order = self.best if deterministic or not len(self.drawn) else self.drawn
+        mask = observation["action_mask"] if action_masks is None else action_masks
+        return next(int(action) for action in [*order, *np.flatnonzero(mask)] if mask[action]), state
+
+
+@pytest.fixture
+def n_steps(monkeypatch):
+    """Return a list that grows with every step that any simulator takes."""
+    taken, step = [], Resection.step
+    monkeypatch.setattr(Resection, "step", lambda task, action: taken.append(action) or step(task, action))
+    return taken
+
+
+def level_0(n_scenes, **how):
+    """Return the environment of the first validation scenes of level 0."""
+    env = ResectEnv("box-48", "validation", **how)
+    return ResectEnv([env.scenes[index] for index in range(n_scenes)], **how)
+
+
+@pytest.mark.parametrize("guide", ["rim-first", "min-cut-index"])
+def test_foresight_frees_more_than_the_policy_that_it_looks_ahead_for_and_than_its_shield(guide):
+    env = ResectEnv("box-108", "validation")
+    freed = {name: sum(episode.is_success for episode in evaluate(make_policy(name, env, 0), env))
+             for name in (guide, f"shield:{guide}", f"foresight:200:{guide}")}  # fmt: skip
+    assert freed[guide] < freed[f"shield:{guide}"] < freed[f"foresight:200:{guide}"]
+
+
+def test_where_the_policy_alone_would_do_foresight_does_the_same_for_one_step_a_cut():
+    env = level_0(8)
+    alone = evaluate(make_policy("rim-first", env, 0), env)
+    foreseen = evaluate(make_policy("foresight:100:rim-first", env, 0), env)
+    assert any(episode.is_success for episode in alone)
+    for one, other in zip(alone, foreseen, strict=True):
+        if one.is_success:
+            assert (other.total_return, other.n_steps, other.n_simulated) == (one.total_return, one.n_steps, one.n_steps)
+
+
+def test_a_way_that_frees_the_target_is_planned_once_and_played_as_it_was_found(n_steps):
+    env, policy = level_0(8), None
+    for index in range(8):
+        n_steps.clear()
+        policy = make_policy("foresight:500:min-cut-index", env, 0)
+        episode = play_episode(policy, env, "foresight", 0, index)
+        planned, played = n_steps[: episode.n_simulated], n_steps[episode.n_simulated :]
+        assert episode.is_success and len(played) == episode.n_steps
+        # refused cuts lie between those that were kept
+        remaining = iter(planned)
+        assert all(action in remaining for action in played)
+
+
+def test_a_certificate_is_seen_to_hold_at_once():
+    env = level_0(3)
+    for episode in evaluate(make_policy("foresight:100:certificate", env, 0), env):
+        assert episode.total_return == pytest.approx(1.0)
+        assert episode.n_simulated == episode.n_steps
+
+
+def test_after_a_dead_end_the_policy_is_drawn_from():
+    env = level_0(1)
+    order = env.scene.certificate.order
+    observation, _ = env.reset(seed=0, options={"index": 0})
+    # the best proposals tear the body, cut after cut; the drawn ones are those of the certificate
+    torn = [action for action in np.flatnonzero(observation["action_mask"]) if action >= env.task.table.n_faces]
+    guide = Chooser(torn[::-1], order)
+    policy = ForesightPolicy("chooser", 500, lambda twin: guide).bind(env)
+    info = {}
+    while not info.get("reason"):
+        observation, _, _, _, info = env.step(policy.predict(observation)[0])
+    assert info["is_success"]
+    assert info["cost_ratio"] == pytest.approx(1.0)
+    assert policy.n_simulated > len(order), "the best proposals were tried first"
+
+
+def test_where_no_way_is_found_the_policy_does_what_it_would_have_done():
+    env = ResectEnv(small_scene(load=5.0))
+    observation, _ = env.reset(seed=0)
+    policy = make_policy("foresight:50:min-cut-index", env, 0)
+    assert policy.predict(observation)[0] == ScriptedPolicy("min-cut-index").bind(env).predict(observation)[0]
+    # every cut is fatal: the start is a dead end, and no more is spent on it
+    assert policy.n_simulated == PATIENCE + 1
+
+
+@pytest.mark.parametrize("budget", [0, 1, 7, 60])
+@pytest.mark.parametrize("load_factor", [1.0, 2.0])
+def test_foresight_never_exceeds_its_budget(budget, load_factor, n_steps):
+    env = level_0(1)
+    policy = make_policy(f"foresight:{budget}:min-cut-index", env, 0)
+    n_played = 0
+    for n_episodes in (1, 2):
+        observation, _ = env.reset(seed=0, options={"load_factor": load_factor})
+        has_ended = False
+        while not has_ended:
+            observation, _, terminated, truncated, _ = env.step(policy.predict(observation)[0])
+            has_ended = terminated or truncated
+        n_played += env.n_steps
+        assert policy.n_simulated == len(n_steps) - n_played
+        assert policy.n_simulated <= n_episodes * budget
+
+
+def test_a_narrower_mask_holds_for_what_is_done():
+    env = ResectEnv(small_scene(load=5.0))
+    observation, _ = env.reset(seed=0)
+    mask = np.zeros(env.action_space.n, dtype=bool)
+    mask[[3, 40]] = True
+    assert make_policy("foresight:20:min-cut-index", env, 0).predict(observation, action_masks=mask)[0] in (3, 40)
+
+
+def test_foresight_of_a_learned_policy_gives_the_same_episodes_again(tmp_path):
+    pytest.importorskip("torch")
+    from agents.candidate_policy import CandidatePolicy
+    from agents.training_config import NetworkSettings
+
+    env = level_0(4)
+
+    def learned(twin):
+        import torch
+
+        torch.manual_seed(3)
+        network = NetworkSettings(hidden=16, rounds=1)
+        return CandidatePolicy(twin.observation_space, twin.action_space, lambda _: 0.0, network=network)
+
+    def episodes():
+        played = evaluate(ForesightPolicy("learned", 60, learned).bind(env), env)
+        return [episode._replace(seconds=0.0) for episode in played]
+
+    first = episodes()
+    assert first == episodes()
+    assert max(episode.n_simulated for episode in first) > 0
