@@ -4,8 +4,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from gmapspring.mesh import Mesh
 from gmapspring.mesh_checks import paired_faces
@@ -98,10 +96,14 @@ def touching_actions(table: ActionTable, vessel: Array) -> Array:
 def face_pieces(table: ActionTable, members: Array) -> Array:
     """Return the face-connected piece that each member belongs to, 0, 1 ..., and -1 for others, int32 (n_tetrahedra,)."""
     one, other = table.face_tetrahedra[members[table.face_tetrahedra].all(axis=1)].T
-    shape = (table.n_tetrahedra, table.n_tetrahedra)
-    labels = connected_components(csr_array((np.ones(len(one)), (one, other)), shape=shape), directed=False)[1]
+    lowest, is_growing = np.arange(table.n_tetrahedra), True
+    while is_growing:  # pieces are a few tetrahedra across: each sweep hands the lowest number on to all neighbours
+        before, low = lowest.copy(), np.minimum(lowest[one], lowest[other])
+        np.minimum.at(lowest, one, low)
+        np.minimum.at(lowest, other, low)
+        is_growing = not np.array_equal(lowest, before)
     piece_of = np.full(table.n_tetrahedra, -1, dtype=np.int32)
-    piece_of[members] = np.unique(labels[members], return_inverse=True)[1]
+    piece_of[members] = np.unique(lowest[members], return_inverse=True)[1]
     return piece_of
 
 

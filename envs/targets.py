@@ -8,8 +8,6 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import PositiveFloat, PositiveInt, model_validator
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from envs.action_table import action_table, beside, face_pieces
 from envs.scene_kinds import BoxMesh, FileMesh, region_of, unit
@@ -151,6 +149,10 @@ class Channel(Config):
         It has no face in common with the target, which therefore can be cut out without laying it open. If it can, it ends at a
         hollow of the target: there the cheapest cuts would go straight through healthy tissue, and often have to go round now.
         """
+        # Imported where it is used, as in `gmapspring.mesh`: to play a scene that is shipped needs none of it.
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import dijkstra
+
         table, shape = action_table(mesh), (mesh.n_tetrahedra, mesh.n_tetrahedra)
         sides = table.face_tetrahedra
         apart = ~beside(table, target)

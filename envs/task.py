@@ -27,6 +27,7 @@ from envs.arrays import (
     rules_of,
 )
 from envs.collapse import SEPARATED, Tissue, collapse_reason
+from envs.compiling import compiling_beside
 from envs.costs import CostParts
 from envs.measuring import measure
 from envs.scene import Scene
@@ -72,14 +73,15 @@ class Resection:
         self.scene = scene
         self.table = action_table(mesh)
         self.around = surroundings(mesh, self.table, scene.target, scene.anchor)
-        self.simulation = Simulation(
-            mesh,
-            Material(scene.young_modulus, physics.density, physics.damping, physics.viscosity),
-            pinned=scene.pinned,
-            gravity=physics.gravity,
-            integrator=physics.integrator,
-            dtype=np.dtype(physics.dtype).type,
-        )
+        with compiling_beside(physics.dtype, physics.integrator):
+            self.simulation = Simulation(
+                mesh,
+                Material(scene.young_modulus, physics.density, physics.damping, physics.viscosity),
+                pinned=scene.pinned,
+                gravity=physics.gravity,
+                integrator=physics.integrator,
+                dtype=np.dtype(physics.dtype).type,
+            )
         # Names the load, so that there is room for it from the start.
         self.simulation.set_corner_loads(np.zeros((mesh.n_tetrahedra, 4, 3)))
         self.play = empty_play(mesh.n_tetrahedra, self.table.n_actions)

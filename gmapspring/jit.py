@@ -1,5 +1,6 @@
 """The decorators of compiled functions: kernels, which are called from Python, and parts, which only kernels call."""
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -30,9 +31,29 @@ class _Announcement(event.Listener):
         """Say nothing."""
 
 
+class _CollectorsRest(event.Listener):
+    """Keeps the garbage collector off while something is compiled: it would go through all that numba makes, time and again."""
+
+    n_open, was_on = 0, False
+
+    def on_start(self, started: Any) -> None:
+        """Turn it off with the first."""
+        if not self.n_open:
+            self.was_on = gc.isenabled()
+            gc.disable()
+        self.n_open += 1
+
+    def on_end(self, ended: Any) -> None:
+        """Turn it on again, if it was, with the last."""
+        self.n_open -= 1
+        if not self.n_open and self.was_on:
+            gc.enable()
+
+
 _kernels: set[Callable[..., Any]] = set()
 """The functions that are cached once compiled."""
-event.register("numba:compile", _Announcement())
+for listener in (_Announcement(), _CollectorsRest()):
+    event.register("numba:compile", listener)
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "no_cfunc_wrapper": True}
 """No interpreter lock, IEEE arithmetic, no checks of indices."""
 
@@ -44,6 +65,12 @@ def kernel(function: Callable[..., Any]) -> Any:
         _kernels.add(function)
         dispatcher._cache = KernelCache(function)
     return dispatcher
+
+
+def is_to_be_compiled(dispatcher: Any) -> bool:
+    """Return whether a kernel would be compiled if it were called, and kept on disk: it has never been, for any types."""
+    cache = getattr(dispatcher, "_cache", None)
+    return isinstance(cache, KernelCache) and not dispatcher.signatures and cache.is_empty
 
 
 def part(function: Callable[..., Any]) -> Any:

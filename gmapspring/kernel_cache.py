@@ -163,3 +163,8 @@ class KernelCache(caching.FunctionCache):
     """What is kept of one kernel."""
 
     _impl_class = _KernelCacheImpl
+
+    @property
+    def is_empty(self) -> bool:
+        """Return whether nothing is kept yet, for any types of arguments."""
+        return not os.path.exists(self._cache_file._index_path)

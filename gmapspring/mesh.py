@@ -6,8 +6,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from gmapspring.mesh_checks import (
     check_faces,
@@ -93,6 +91,10 @@ def pinched_points(mesh: Mesh) -> PinchedPoints:
 
     Such a mesh is legal: the body holds together through faces only, so its parts come apart at these points.
     """
+    # Imported where it is used: that would be a sixth of the time to an environment's first step, which needs none of it.
+    from scipy import sparse
+    from scipy.sparse import csgraph
+
     first, second = paired_faces(mesh.tetrahedra, mesh.n_points)
     corner_of = 4 * (first // 4)[:, None] + OUTWARD_FACE_CORNERS[first % 4]
     other_of = 4 * (second // 4)[:, None] + OUTWARD_FACE_CORNERS[second % 4]

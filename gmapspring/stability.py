@@ -18,8 +18,6 @@ Integrator.default_step.
 import math
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import eigsh
 
 from gmapspring.body import Body
 from gmapspring.errors import StabilityError
@@ -159,6 +157,10 @@ def assembled_frequency(body: Body) -> float:
 
     It is the square root of the largest eigenvalue of M^-1 K over free nodes; pinned ones drop out with their inverse mass of 0.
     """
+    # Imported where it is used, as in `gmapspring.mesh`.
+    from scipy import sparse
+    from scipy.sparse.linalg import eigsh
+
     n = body.n_nodes
     i, j = body.springs.endpoints.T.astype(np.int64)
     k = body.springs.stiffness.astype(np.float64)

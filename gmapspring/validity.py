@@ -1,8 +1,6 @@
 """Checks of a whole body: every law of the map, every number and every sum, recomputed from the gluings alone."""
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from gmapspring.body import Body
 from gmapspring.errors import TopologyError
@@ -63,6 +61,10 @@ def check_involutions(gmap: GMap) -> None:
 
 def _pieces(gmap: GMap, item_of_dart: np.ndarray, n_items: int) -> np.ndarray:
     """Label the items (corners, local edges, tetrahedra) that alpha_3 joins, (n_items,)."""
+    # Imported where it is used, as in `gmapspring.mesh`.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     darts = np.arange(len(item_of_dart))
     across = item_of_dart[alpha(gmap, 3, darts)]
     graph = coo_array((np.ones(len(darts), bool), (item_of_dart, across)), shape=(n_items, n_items))
