@@ -11,9 +11,8 @@ import numpy as np
 
 from agents.features import AREA, ATTACHED, IS_TARGET
 from envs.action_table import action_table
-from envs.costs import loss_costs
 from envs.observation import COLUMNS
-from envs.optimum import MinimumCut, action_costs, minimum_cut
+from envs.optimum import MinimumCut, minimum_cut, prices_of
 from envs.scene import Scene
 
 Array = np.ndarray[Any, Any]
@@ -119,8 +118,8 @@ def follow(scene: Scene, way: MinimumCut, action: int, there: Array) -> MinimumC
         return None
     table = action_table(scene.mesh)
     actions, lost = way.actions[there[way.actions]], way.lost & there[table.n_faces :]
-    losses = loss_costs(table.volume, ~scene.target, scene.spacing)
-    return MinimumCut(actions, float(action_costs(scene, table)[actions].sum() + losses[lost].sum()), lost, True)
+    prices = prices_of(scene, table)
+    return MinimumCut(actions, float(prices.actions[actions].sum() + prices.losses[lost].sum()), lost, True)
 
 
 POTENTIALS: dict[str, Callable[[SceneOf], Potential]] = {"interface": InterfaceLeft, "minimum-cut": CutLeft}

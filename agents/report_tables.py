@@ -168,7 +168,7 @@ def ablations(results: Results) -> Table:
             continue
         for played in results.study.evaluations_of(row):
             ours, base = (results.group(name, played.scene, played.split) for name in (row.name, row.ablates))
-            if played.split != "test" or played.wrapper or ours is None or base is None:
+            if played.split != "test" or ours is None or base is None:
                 continue
             differences = [estimate_difference(*(each.values(field).astype(float) for each in (ours, base)))
                            for field in ("total_return", "is_success")]  # fmt: skip

@@ -146,7 +146,7 @@ class Row(Config):
     start_from: str | None = None
     """Row whose best policy, of the same seed, training begins with; a fresh one if left out."""
     ablates: str | None = None
-    """Row that this one is, with something left out: it is evaluated on the same scenes and compared with it."""
+    """Row that this one is, with something left out: alone, it is evaluated on the same scenes and compared with it."""
     seeds: Seeds | None = None
     """Those of the study, if left out."""
     evaluate: list[Evaluation] = []
@@ -199,8 +199,10 @@ class StudyConfig(Config):
         return self.seeds if row.seeds is None else row.seeds
 
     def evaluations_of(self, row: Row) -> list[Evaluation]:
-        """Return what a row is evaluated on."""
-        return row.evaluate if row.ablates is None else self.row(row.ablates).evaluate
+        """Return what a row is evaluated on: an ablation on what the row is that it ablates, always alone."""
+        if row.ablates is None:
+            return row.evaluate
+        return [played for played in self.row(row.ablates).evaluate if played.wrapper is None]
 
     @property
     def wrappers(self) -> list[str]:

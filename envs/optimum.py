@@ -13,6 +13,7 @@ What the source still reaches comes off. Where there is a vessel, what lays it o
 """
 
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -44,21 +45,41 @@ class MinimumCut(NamedTuple):
     """Whether it is proven that no cheaper way exists; else the cost is an upper bound, seldom far off."""
 
 
+class Prices(NamedTuple):
+    """What the cuts of a scene cost."""
+
+    actions: Array
+    """Each by itself, before any healthy tissue comes loose, shape (n_actions,)."""
+    losses: Array
+    """Each tetrahedron that comes loose, shape (n_tetrahedra,)."""
+    allowed_actions: Array
+    """The same of actions; no price is high enough for one that touches a vessel."""
+    allowed_losses: Array
+    """The same of tetrahedra, likewise."""
+
+
 class _State(NamedTuple):
     """A body part way through."""
 
     is_attached: Array
     is_sewn: Array
     sides: Array
-    costs: Array
-    """Of all actions; no price is high enough for one that touches a vessel."""
-    losses: Array
-    """Of all tetrahedra coming loose, likewise."""
+    prices: Prices
 
 
-def action_costs(scene: Scene, table: ActionTable) -> Array:
-    """Return what each action costs by itself, before any healthy tissue comes loose, shape (n_actions,)."""
-    return np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
+_PRICES: WeakKeyDictionary[Scene, Prices] = WeakKeyDictionary()
+
+
+def prices_of(scene: Scene, table: ActionTable) -> Prices:
+    """Return what the cuts of a scene cost; they are the same however far it has been cut."""
+    if scene not in _PRICES:
+        actions = np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
+        losses = loss_costs(table.volume, ~scene.target, scene.spacing)
+        is_touching = touching_actions(table, scene.vessel)
+        _PRICES[scene] = Prices(
+            actions, losses, np.where(is_touching, np.inf, actions), np.where(scene.vessel, np.inf, losses)
+        )
+    return _PRICES[scene]
 
 
 def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = None, is_sewn: Array | None = None) -> MinimumCut:
@@ -73,17 +94,16 @@ def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = No
     attached = np.ones(table.n_tetrahedra, dtype=bool) if is_attached is None else is_attached
     sewn = np.ones(table.n_faces, dtype=bool) if is_sewn is None else is_sewn
     sides = table.face_tetrahedra
-    costs = np.where(touching_actions(table, scene.vessel), np.inf, action_costs(scene, table))
-    losses = np.where(scene.vessel, np.inf, loss_costs(table.volume, ~scene.target, scene.spacing))
-    state = _State(attached, sewn & attached[sides].all(axis=1), sides, costs, losses)
+    state = _State(attached, sewn & attached[sides].all(axis=1), sides, prices_of(scene, table))
     # What hangs on the target alone is lost with it; the flow itself does not know that tissue must hang on something.
     off = attached & (scene.target | ~_held(state, attached & ~scene.target, scene.anchor))
     is_exact = True
     while True:
-        if np.isinf(_limit(state, off)):
+        limit = _limit(state, off)
+        if np.isinf(limit):
             nothing = np.zeros(0, dtype=np.int64)
             return MinimumCut(nothing, np.inf, np.zeros(table.n_tetrahedra, dtype=bool), is_exact)
-        comes_off, is_removed = _split(scene, table, state, off)
+        comes_off, is_removed = _split(scene, table, state, off, limit)
         stays = attached & ~comes_off & ~is_removed
         islands = stays & ~_held(state, stays, scene.anchor)
         if not islands.any():
@@ -99,7 +119,7 @@ def _plan(scene: Scene, table: ActionTable, state: _State, comes_off: Array, is_
     is_cut = state.is_sewn & (comes_off[first] != comes_off[second]) & ~is_removed[first] & ~is_removed[second]
     actions = np.concatenate([np.flatnonzero(is_cut), table.n_faces + np.flatnonzero(is_removed)])
     lost = comes_off & ~scene.target
-    cost = float(action_costs(scene, table)[actions].sum() + loss_costs(table.volume, ~scene.target, scene.spacing)[lost].sum())
+    cost = float(state.prices.actions[actions].sum() + state.prices.losses[lost].sum())
     return MinimumCut(actions, cost, lost, True)
 
 
@@ -122,12 +142,12 @@ def _spread(links, is_met):
                 is_growing = True
 
 
-def _split(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple[Array, Array]:
+def _split(scene: Scene, table: ActionTable, state: _State, off: Array, limit: float) -> tuple[Array, Array]:
     """Return which tetrahedra come off and which are removed by the least cut that takes some off for certain."""
     n_tets = table.n_tetrahedra
     if not off.any():
         return np.zeros(n_tets, dtype=bool), np.zeros(n_tets, dtype=bool)
-    is_reached = reached_from(2 * n_tets, 2 * n_tets + 1, 2 * n_tets + 2, *_network(scene, table, state, off))
+    is_reached = reached_from(2 * n_tets, 2 * n_tets + 1, 2 * n_tets + 2, *_network(scene, table, state, off, limit))
     reached_in, reached_out = is_reached[:n_tets], is_reached[n_tets : 2 * n_tets]
     return reached_out & state.is_attached, reached_in & ~reached_out & state.is_attached
 
@@ -140,21 +160,22 @@ def _limit(state: _State, off: Array) -> float:
     """
     faces = np.flatnonzero(state.is_sewn)
     first, second = state.sides[faces].T
-    return float(state.costs[faces[off[first] != off[second]]].sum() + state.losses[off].sum())
+    return float(state.prices.allowed_actions[faces[off[first] != off[second]]].sum() + state.prices.allowed_losses[off].sum())
 
 
-def _network(scene: Scene, table: ActionTable, state: _State, off: Array) -> tuple[Array, Array, Array]:
-    """Return arcs as (tails, heads, capacities in whole numbers); nodes are all in, all out, source, sink."""
-    n_tets, n_faces, costs = table.n_tetrahedra, table.n_faces, state.costs
+def _network(scene: Scene, table: ActionTable, state: _State, off: Array, limit: float) -> tuple[Array, Array, Array]:
+    """Return arcs as (tails, heads, capacities in whole numbers); nodes are all in, all out, source, sink.
+
+    limit: what it costs to cut all around what must come off. No flow exceeds that, and no capacity need be larger.
+    """
+    n_tets, n_faces, costs = table.n_tetrahedra, table.n_faces, state.prices.allowed_actions
     attached = np.flatnonzero(state.is_attached)
     faces = np.flatnonzero(state.is_sewn)
     first, second = state.sides[faces].T
-    # Cutting what must come off all around is one way, so no flow exceeds its cost and no capacity need be larger.
-    limit = _limit(state, off)
     scale = FLOW_LIMIT / limit if limit > 0.0 else 1.0
     endless = np.inf
     removal = np.where(scene.anchor, endless, costs[n_faces:])
-    leak = np.where(scene.anchor, endless, state.losses)
+    leak = np.where(scene.anchor, endless, state.prices.allowed_losses)
     parts = [
         (attached, attached + n_tets, removal[attached]),
         (first + n_tets, second, costs[faces]),

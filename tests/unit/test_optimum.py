@@ -7,7 +7,7 @@ import pytest
 
 from envs.action_table import action_table
 from envs.library import load_scene_config
-from envs.optimum import action_costs, minimum_cut
+from envs.optimum import minimum_cut, prices_of
 from envs.scene import build_scene
 from envs.task import Resection
 from gmapspring.mesh import Mesh
@@ -87,7 +87,7 @@ def every_set(scene, table):
 def cheapest(scene, table):
     """Return the least cost of any set of actions, trying them all in the order of what they cost by themselves."""
     sets = every_set(scene, table)
-    alone = sets @ action_costs(scene, table)
+    alone = sets @ prices_of(scene, table).actions
     best = np.inf
     for index in np.argsort(alone, kind="stable"):
         if alone[index] >= best:
@@ -190,7 +190,7 @@ def test_what_is_already_cut_need_not_be_paid_again():
     scene = build_scene(load_scene_config("box-108"), 0)
     table = action_table(scene.mesh)
     whole = minimum_cut(scene, table)
-    costs = action_costs(scene, table)
+    costs = prices_of(scene, table).actions
     is_sewn = np.ones(table.n_faces, dtype=bool)
     for n_done in range(len(whole.actions) + 1):
         is_sewn[whole.actions[:n_done]] = False

@@ -22,7 +22,7 @@ from agents.training_view import TrainingView, make_environments  # noqa: E402
 from agents.vector_face import ResectVecEnv  # noqa: E402
 from envs.action_table import action_table  # noqa: E402
 from envs.costs import loss_costs  # noqa: E402
-from envs.optimum import action_costs, minimum_cut  # noqa: E402
+from envs.optimum import minimum_cut, prices_of  # noqa: E402
 from envs.resect import ResectEnv  # noqa: E402
 from gmapspring.config import check_config  # noqa: E402
 from gmapspring.errors import ConfigError  # noqa: E402
@@ -202,7 +202,7 @@ def test_a_way_is_not_followed_where_that_proves_nothing():
     way, there = minimum_cut(scene, table), np.ones(table.n_actions, bool)
     first, other = way.actions[0], np.setdiff1d(np.arange(table.n_actions), way.actions)[0]
     there[first] = False
-    assert follow(scene, way, first, there).cost == pytest.approx(way.cost - action_costs(scene, table)[first])
+    assert follow(scene, way, first, there).cost == pytest.approx(way.cost - prices_of(scene, table).actions[first])
     assert follow(scene, way._replace(is_exact=False), first, there) is None, "an upper bound"
     assert follow(scene, way, way.actions[1], there) is None, "an action that was not done"
     there[other] = False
@@ -211,7 +211,7 @@ def test_a_way_is_not_followed_where_that_proves_nothing():
 
 def test_what_went_on_the_way_is_not_paid_for_again():
     scene = small_scene(seed=2, load=0.02)
-    table, costs = action_table(scene.mesh), action_costs(scene, action_table(scene.mesh))
+    table, costs = action_table(scene.mesh), prices_of(scene, action_table(scene.mesh)).actions
     losses = loss_costs(table.volume, ~scene.target, scene.spacing)
     healthy, way, there = np.flatnonzero(~scene.target), minimum_cut(scene, table), np.ones(table.n_actions, bool)
     way = way._replace(lost=np.isin(np.arange(table.n_tetrahedra), healthy[:2]))
@@ -257,7 +257,7 @@ def test_every_cut_of_the_cheapest_way_is_rewarded_by_its_cost_at_once():
     assert scene.certificate.optimum > 0.0 and len(scene.certificate.order) > 2
     for action in scene.certificate.order[:-1]:
         _, rewards, dones, _ = view.step(np.array([action]))
-        cost = action_costs(scene, table)[action]
+        cost = prices_of(scene, table).actions[action]
         assert not dones[0] and rewards[0] == pytest.approx((weight - 0.5) * cost / optimum, abs=ROUND_OFF)
 
 
