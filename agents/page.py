@@ -32,7 +32,7 @@ SPLIT = "train"
 """Scenes that are played unless told otherwise: those that may be recorded to learn from."""
 POLICY = "lookahead"
 """Who gives hints unless told otherwise."""
-THINKING = ("shield:rim-first", "search:300")
+THINKING = ("shield:rim-first", "foresight:300:rim-first", "search:300")
 """Policies that can be asked besides the scripted ones."""
 RECORDINGS = pathlib.Path("runs/recordings")
 """Where recordings are written unless told otherwise."""

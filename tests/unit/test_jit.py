@@ -1,6 +1,7 @@
 """The decorators: kernels follow IEEE arithmetic and say when they are compiled, parts are compiled only within kernels."""
 
 
+import gc
 import os
 import subprocess
 import sys
@@ -19,6 +20,25 @@ def test_kernels_follow_ieee_arithmetic():
 
     assert quotient(1.0, 0.0) == float("inf")
     assert quotient(0.0, 0.0) != quotient(0.0, 0.0)
+
+
+@pytest.mark.parametrize("is_on", [True, False])
+def test_the_garbage_collector_is_after_compiling_what_it_was_before(is_on):
+    @kernel
+    def twice(value):
+        return 2 * value
+
+    was_on = gc.isenabled()
+    try:
+        (gc.enable if is_on else gc.disable)()
+        assert twice(2) == 4
+        assert gc.isenabled() == is_on
+        # what cannot be compiled is no exception
+        with pytest.raises((numba.errors.TypingError, TypeError)):
+            twice(None)
+        assert gc.isenabled() == is_on
+    finally:
+        (gc.enable if was_on else gc.disable)()
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")

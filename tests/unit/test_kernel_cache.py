@@ -38,6 +38,11 @@ from package.caller import compute
 from package.types import Pair
 print(compute(Pair(first=10, second=1)), sum(compute.stats.cache_hits.values()))
 """
+ASK = """
+from gmapspring.jit import is_to_be_compiled
+from package.caller import compute
+print(is_to_be_compiled(compute))
+"""
 
 
 @pytest.fixture
@@ -105,3 +110,18 @@ def test_other_users_of_numba_keep_their_cache_folder():
 
     assert add(1, 2) == 3
     assert numba.config.CACHE_DIR == before
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
+def test_a_kernel_is_to_be_compiled_until_it_is_kept(run, tmp_path):
+    def ask():
+        done = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+        return done.stdout.strip()
+
+    assert ask() == "True"
+    run()
+    assert ask() == "False"
+    run("callee", "2 * value", "3 * value")
+    assert ask() == "False"
+    (tmp_path / "package" / "callee.py").write_text(CALLEE)
+    assert ask() == "False", "what it was made of is as it was, and what was made of it is still there"
