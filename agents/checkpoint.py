@@ -25,8 +25,8 @@ from gmapspring.config import Config, check_config
 from gmapspring.errors import GmapspringError
 from gmapspring.paths import write_atomically
 
-FORMAT = 2
-"""Version of the page."""
+FORMAT = 3
+"""Version of the page, and of what its policy was shown: with another, a policy would play otherwise than it did."""
 SCENE_JOINT = " + "
 """What stands between the names of scenes; files may well have a + in their names, but hardly with spaces around it."""
 _PAGE = "gmapspring.json"
