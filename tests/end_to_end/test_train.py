@@ -261,7 +261,7 @@ def test_a_policy_of_an_older_format_is_refused_in_one_line(whole_run, tmp_path,
     config.write_text(yaml.safe_dump(SMALL))
     for command in (["evaluate", old], ["train", config, "--start-from", old, "--out", tmp_path / "run"]):
         assert main([str(argument) for argument in command]) == 1
-        assert capsys.readouterr().err == f"error: {old} is of format 1; this version reads 2: train again\n"
+        assert capsys.readouterr().err == f"error: {old} is of format 1; this version reads 3: train again\n"
     assert not (tmp_path / "run").exists()
 
 
