@@ -21,8 +21,8 @@ from gmapspring.paths import configs_folder, write_atomically
 
 CONFIG = "box-108"
 """Training configuration of the demo."""
-LEARNED = "PPO"
-"""What the table calls the learned policy."""
+LEARNED, AHEAD = "PPO", "foresight:100:"
+"""What the table calls the learned policy, and what stands before that where it may also look ahead."""
 
 
 def run_demo(folder: pathlib.Path, train_seconds: float, seed: int, console: Console) -> int:
@@ -42,8 +42,9 @@ def run_demo(folder: pathlib.Path, train_seconds: float, seed: int, console: Con
 
 
 def compare(folder: pathlib.Path, config: TrainingConfig, seed: int, console: Console) -> None:
-    """Evaluate the trained policy and all scripted ones on the test scenes; print the table and write it down."""
-    names = {LEARNED: str(folder / "training" / "best.zip")} | {name: name for name in POLICIES}
+    """Evaluate the trained policy, alone and looking ahead, and all scripted ones on the test scenes; write the table."""
+    best = str(folder / "training" / "best.zip")
+    names = {LEARNED: best, AHEAD + LEARNED: AHEAD + best} | {name: name for name in POLICIES}
     env = ResectEnv(config.scenes[0], "test", config.mask)
     episodes: list[Episode] = []
     summaries: list[Summary] = []
