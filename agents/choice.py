@@ -79,17 +79,17 @@ def make_policy(name: str, env: gym.Env[Any, Any], seed: int) -> Policy:
     checkpoint = _checkpoint()
     import torch
 
-    # Where it is asked for other actions than its best, they come from torch's generator.
+    # Where it is asked for other actions than its best, they come from torch's generator, which all of the process shares.
     torch.manual_seed(seed)
     policy: Policy = checkpoint.load_policy(pathlib.Path(name), env.observation_space, env.action_space)
     return policy
 
 
 def is_wrapper(name: str) -> bool:
-    """Return whether a name is all but the last part of that of a policy that lets another one propose.
+    """Return whether a name is `shield` or `foresight:BUDGET`, to which that of a policy can be added.
 
     Raises:
-        ConfigError: it would be, with another budget.
+        ConfigError: the budget is none.
     """
     kind, _, rest = name.partition(":")
     if kind == FORESIGHT:

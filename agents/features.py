@@ -1,8 +1,8 @@
 """What the candidate policy knows: of each legal cut, and of the tetrahedra around it, by index from the observation.
 
 A candidate is a legal action. A face has two sides, its two tetrahedra; a tetrahedron counts as both of its sides.
-Of the tetrahedra only those are shown: where a mask keeps to what lies about the target, so does the policy, and a state costs
-the same, and looks the same, in a body of any size.
+Of the tetrahedra only those are shown: where a mask keeps to what lies about the target, so does the policy, and a state looks
+the same, and is as much work for the network, in a body of any size.
 The higher side comes first (target before healthy, then anchor, then the stiffer, and so on through what a side shows),
 so a candidate reads the same however the mesh is numbered. The gathering is one compiled pass: in torch it would cost as
 much as the network.

@@ -5,7 +5,8 @@ r"""Foresight: another policy is played out on the simulator again and again, un
     now --o--o--o'--o--o    the next way is drawn by the policy's own chances, so that it parts from the last one early
 
 The shield looks one step ahead, which comes too late where the fault was made many cuts before. Here the policy says what is
-worth trying, and the simulator what holds.
+worth trying, and the simulator what holds. A policy that leaves nothing to chance parts from its last way only where that was
+refused.
 """
 
 from collections.abc import Callable
@@ -22,8 +23,8 @@ from envs.resect import EpisodeState, ResectEnv
 Array = np.ndarray[Any, Any]
 Order = tuple[int, ...]
 
-PATIENCE = 3
-"""Proposals refused in one state after which it counts as a dead end. With 1 fewer targets came free, with 8 as many."""
+PATIENCE = 4
+"""Proposals refused in one state that make it a dead end. With 2 fewer targets came free, with 9 as many."""
 
 
 class ForesightPolicy(Planner):
@@ -34,7 +35,8 @@ class ForesightPolicy(Planner):
 
         Args:
             name: of that policy.
-            budget: steps of the simulator to be spent in an episode, at most; those that the guide spends count as well.
+            budget: steps of the simulator in an episode after which nothing more is tried. What a guide spends that simulates
+                itself is counted with them, but no guide is stopped in its thoughts.
             guide: makes the policy for an environment, of which it may look at the simulator.
         """
         super().__init__(f"foresight:{budget}:{name}", budget)
@@ -51,11 +53,10 @@ class ForesightPolicy(Planner):
     def plan(self, env: ResectEnv, limit: int) -> Order:
         """Return a way that frees the target, or nothing."""
         twin, guide = self._twin_of(env)
-        start = env.save_state()
-        ways = _Ways(twin, guide)
+        ways = _Ways(twin, guide, env.save_state())
         found: Order | None = None
-        while found is None and not ways.is_exhausted and self.n_simulated < limit:
-            found = self._descend(ways, start, limit)
+        while found is None and not ways.are_exhausted and self.n_simulated < limit:
+            found = self._descend(ways, limit)
         return found or ()
 
     def choose_without_plan(self, situation: Situation) -> int:
@@ -66,11 +67,13 @@ class ForesightPolicy(Planner):
         mask[situation.legal] = True
         return int(guide.predict(seen, deterministic=True, action_masks=mask)[0])
 
-    def _descend(self, ways: "_Ways", start: EpisodeState, limit: int) -> Order | None:
+    def _descend(self, ways: "_Ways", limit: int) -> Order | None:
         """Follow the guide from the start; return its way where that frees the target."""
-        ways.begin(start)
-        while not ways.is_stuck and self.n_simulated < limit:
+        ways.begin()
+        while not ways.give_up():
             action = ways.propose()
+            if self.n_simulated >= limit:
+                break
             self._trials.n_steps += 1
             if ways.follow(action):
                 return ways.order
@@ -78,7 +81,7 @@ class ForesightPolicy(Planner):
 
     def _twin_of(self, env: ResectEnv) -> tuple[ResectEnv, Policy]:
         """Return an environment of the same scene, in which nothing that is tried can be seen from outside, and its guide."""
-        if self._twin is None or self._twin.scene is not env.scene:
+        if self._twin is None or self._twin.scene is not env.scene or self._twin.mask_mode != env.mask_mode:
             self._n_spent += n_simulated(self._guide)
             self._twin = ResectEnv([env.scene], mask=env.mask_mode)
             self._guide = self._make_guide(self._twin)
@@ -89,45 +92,34 @@ class ForesightPolicy(Planner):
 class _Ways:
     """The ways that a guide has been followed on, all from the same start."""
 
-    def __init__(self, env: ResectEnv, guide: Policy) -> None:
-        self._env, self._guide = env, guide
+    def __init__(self, env: ResectEnv, guide: Policy, start: EpisodeState) -> None:
+        self._env, self._guide, self._start = env, guide, start
         self._refused: dict[frozenset[int], set[int]] = {}
         """By what has been cut: the cuts that lead nowhere."""
-        self._is_first = True
-
-    def begin(self, start: EpisodeState) -> None:
-        """Go back to the start: the first way is what the guide holds for best, all others are drawn."""
-        self._is_drawn, self._is_first = not self._is_first, False
-        self._seen = self._env.load_state(start)
+        self._n_begun = 0
+        self._seen: dict[str, Array] = {}
         self.order: Order = ()
+        """What has been cut on the way that is followed now."""
+        self.are_exhausted = False
+        """Whether even the start is a dead end."""
 
-    @property
-    def is_exhausted(self) -> bool:
-        """Return whether even the start is a dead end."""
-        return len(self._refused.get(frozenset(), ())) > PATIENCE
+    def begin(self) -> None:
+        """Go back to the start."""
+        self._n_begun += 1
+        self._seen, self.order = self._env.load_state(self._start), ()
 
-    @property
-    def is_stuck(self) -> bool:
-        """Return whether there is nothing to go on with; then the last cut led nowhere, and is refused from now on."""
-        is_dead = len(self._refused_here) > PATIENCE or not self._mask.any()
+    def give_up(self) -> bool:
+        """Return whether this is a dead end; then the last cut led nowhere, and is refused from now on."""
+        is_dead = len(self._refused_here()) >= PATIENCE or not self._mask().any()
         if is_dead and self.order:
             self._refused.setdefault(frozenset(self.order[:-1]), set()).add(self.order[-1])
+        self.are_exhausted = is_dead and not self.order
         return is_dead
 
-    @property
-    def _refused_here(self) -> set[int]:
-        return self._refused.setdefault(frozenset(self.order), set())
-
-    @property
-    def _mask(self) -> Array:
-        """Return what is legal and not refused."""
-        mask = self._env.action_masks()
-        mask[list(self._refused_here)] = False
-        return mask
-
     def propose(self) -> int:
-        """Return what the guide would do next."""
-        return int(self._guide.predict(self._seen, deterministic=not self._is_drawn, action_masks=self._mask)[0])
+        """Return what the guide would do next: on the first way what it holds for best, on all others what it draws."""
+        action, _ = self._guide.predict(self._seen, deterministic=self._n_begun == 1, action_masks=self._mask())
+        return int(action)
 
     def follow(self, action: int) -> bool:
         """Do it, unless that ends the episode; return whether it frees the target."""
@@ -136,6 +128,15 @@ class _Ways:
         if info["is_success"] or not (terminated or truncated):
             self._seen, self.order = seen, (*self.order, action)
         else:
-            self._refused_here.add(action)
+            self._refused.setdefault(frozenset(self.order), set()).add(action)
             self._env.load_state(before)
         return bool(info["is_success"])
+
+    def _refused_here(self) -> set[int]:
+        return self._refused.get(frozenset(self.order), set())
+
+    def _mask(self) -> Array:
+        """Return what is legal and not refused."""
+        mask = self._env.action_masks()
+        mask[list(self._refused_here())] = False
+        return mask

@@ -2,13 +2,13 @@
 
 import json
 import pathlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from agents import report_tables as tables
 from agents.report_plots import pictures
 from agents.report_tables import Table
-from agents.results import Results, found_for, read_results
+from agents.results import Found, Results, found_for, read_results
 from agents.study_config import StudyConfig
 from agents.study_jobs import STUDY_FILE
 from agents.table import as_markdown
@@ -109,18 +109,24 @@ def _reached(results: Results) -> str:
     """Return how many aims are reached."""
     verdicts = [row[-1] for row in tables.aims(results).rows]
     found = [each for row in results.study.rows for reach in row.reach for each in found_for(results, row, reach)]
-    would = [f"with {wrapper} it would be {sum(each.is_met_by(each.figure_with(wrapper)) for each in found)}"
-             for wrapper in results.study.wrappers]  # fmt: skip
+    would = [_would_be_reached(found, wrapper) for wrapper in results.study.wrappers]
     others = (
-        " Beside it stands the same figure of the same policies where the simulator is asked before a cut is made, by a shield, "
-        "which tries each cut first, or with foresight, which plays whole ways out first. No aim counts as reached by that: "
-        f"{', '.join(would)}."
+        " Beside it stands the same figure of the same policies where the simulator is asked before a cut is made: a shield "
+        "tries each cut first, foresight plays whole ways out first, for at most so many simulated steps. No aim counts as "
+        f"reached by that; {', '.join(would)}."
     )
     return (
         f"{verdicts.count('reached')} of {len(verdicts)} figures aimed at are reached. A figure is the mean over seeds and test "
         "scenes; where it is asked in every seed, the mean of the worst seed. The gap is the mean return on training scenes less "
         f"that on test scenes.{others if would else ''}"
     )
+
+
+def _would_be_reached(found: Sequence[Found], wrapper: str) -> str:
+    """Return how many aims the policies would reach in a wrapper, of those for which all of them were played so."""
+    whole = [each for each in found if each.is_whole_with(wrapper)]
+    n_met = sum(each.is_met_by(each.figure_with(wrapper)) for each in whole)
+    return f"with {wrapper} it would be {n_met} of the {len(whole)} that were measured so"
 
 
 def _section(title: str, text: str, table: Table, files: Iterable[str] = ()) -> list[str]:

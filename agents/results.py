@@ -126,7 +126,7 @@ class Found(NamedTuple):
     missing: list[int]
     """Seeds that lack a figure."""
     in_every_seed: bool
-    wrapped: dict[str, dict[int, float]]
+    by_wrapper: dict[str, dict[int, float]]
     """The same of the same policies in each wrapper of the study, by seed, where they were played so; no aim is reached by it."""
 
     @property
@@ -136,7 +136,11 @@ class Found(NamedTuple):
 
     def figure_with(self, wrapper: str) -> float:
         """Return that figure of the policies in a wrapper."""
-        return self._figure(self.wrapped[wrapper])
+        return self._figure(self.by_wrapper[wrapper])
+
+    def is_whole_with(self, wrapper: str) -> bool:
+        """Return whether the policies of all seeds were played in a wrapper."""
+        return len(self.by_wrapper[wrapper]) == len(self.by_seed) + len(self.missing) > 0
 
     def _figure(self, by_seed: dict[int, float]) -> float:
         """Return the mean over seeds, or the worst of them; NaN where there is none."""

@@ -53,7 +53,7 @@ class Prices(NamedTuple):
     losses: Array
     """Each tetrahedron that comes loose, shape (n_tetrahedra,)."""
     allowed_actions: Array
-    """The same of actions; no price is high enough for one that touches a vessel."""
+    """The same of actions, infinite for those that lay open a vessel: no price is high enough."""
     allowed_losses: Array
     """The same of tetrahedra, likewise."""
 
@@ -76,9 +76,10 @@ def prices_of(scene: Scene, table: ActionTable) -> Prices:
         actions = np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
         losses = loss_costs(table.volume, ~scene.target, scene.spacing)
         is_touching = touching_actions(table, scene.vessel)
-        _PRICES[scene] = Prices(
-            actions, losses, np.where(is_touching, np.inf, actions), np.where(scene.vessel, np.inf, losses)
-        )
+        prices = Prices(actions, losses, np.where(is_touching, np.inf, actions), np.where(scene.vessel, np.inf, losses))
+        for array in prices:
+            array.flags.writeable = False
+        _PRICES[scene] = prices
     return _PRICES[scene]
 
 

@@ -3,6 +3,7 @@
 import gc
 import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
@@ -16,44 +17,41 @@ _settings: Any = numba.config
 _compile: Any = numba.njit
 
 
-class _Announcement(event.Listener):
-    """Says, once a process, that kernels are being compiled: else the first step seems to hang."""
-
-    is_made = False
-
-    def on_start(self, started: Any) -> None:
-        """Say so before the first kernel of these packages; one from the cache gives no event."""
-        if not self.is_made and started.data["dispatcher"].py_func in _kernels:
-            self.is_made = True
-            print("gmapspring: compiling kernels for this machine, once; it takes up to a minute", file=sys.stderr, flush=True)
-
-    def on_end(self, ended: Any) -> None:
-        """Say nothing."""
+@cache
+def announce() -> None:
+    """Say, once a process, that kernels are being compiled: else the first step seems to hang."""
+    print("gmapspring: compiling kernels for this machine, once; it takes up to a minute", file=sys.stderr, flush=True)
 
 
-class _CollectorsRest(event.Listener):
-    """Keeps the garbage collector off while something is compiled: it would go through all that numba makes, time and again."""
+class _Compilation(event.Listener):
+    """Announces the first kernel of these packages that is compiled, and keeps the garbage collector off the while.
+
+    It would go through all that numba makes, time and again. A kernel from the cache gives no event.
+    """
 
     n_open, was_on = 0, False
 
     def on_start(self, started: Any) -> None:
-        """Turn it off with the first."""
-        if not self.n_open:
+        """Begin with a kernel, and go on with all that it calls."""
+        if not self.n_open and started.data["dispatcher"].py_func in _kernels:
+            announce()
             self.was_on = gc.isenabled()
             gc.disable()
-        self.n_open += 1
+            self.n_open = 1
+        elif self.n_open:
+            self.n_open += 1
 
     def on_end(self, ended: Any) -> None:
-        """Turn it on again, if it was, with the last."""
-        self.n_open -= 1
-        if not self.n_open and self.was_on:
-            gc.enable()
+        """Turn the collector on again, if it was, with the kernel's end."""
+        if self.n_open:
+            self.n_open -= 1
+            if not self.n_open and self.was_on:
+                gc.enable()
 
 
 _kernels: set[Callable[..., Any]] = set()
 """The functions that are cached once compiled."""
-for listener in (_Announcement(), _CollectorsRest()):
-    event.register("numba:compile", listener)
+event.register("numba:compile", _Compilation())
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "no_cfunc_wrapper": True}
 """No interpreter lock, IEEE arithmetic, no checks of indices."""
 

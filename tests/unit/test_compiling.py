@@ -68,7 +68,6 @@ def test_the_other_process_is_waited_for(started):
 
 @compiled
 def test_a_process_that_fails_is_no_error(started, monkeypatch):
-    monkeypatch.setattr(sys, "path", [])
     monkeypatch.setenv("PYTHONHOME", "/nowhere")
     with compiling_beside("float64", "symplectic_euler"):
         (process,) = started
@@ -79,7 +78,33 @@ def test_an_error_meanwhile_ends_the_other_process(started):
     with pytest.raises(ValueError, match="meanwhile"), compiling_beside("float64", "symplectic_euler"):
         raise ValueError("meanwhile")
     (process,) = started
-    assert process.returncode is not None
+    assert process.returncode < 0, "it was killed"
+
+
+@compiled
+@pytest.mark.parametrize("executable", ["/nowhere/python", sys.executable + "-none"])
+def test_where_no_process_can_be_started_all_is_compiled_here(started, monkeypatch, executable):
+    monkeypatch.setattr(sys, "executable", executable)
+    with compiling_beside("float64", "symplectic_euler"):
+        assert not started
+
+
+@compiled
+def test_a_process_that_does_not_end_is_not_waited_for_for_ever(started, monkeypatch):
+    monkeypatch.setattr(compiling, "TIME_LIMIT", 0.0)
+    with compiling_beside("float64", "symplectic_euler"):
+        (process,) = started
+    assert process.returncode < 0
+
+
+@compiled
+def test_the_other_process_takes_these_sources_whatever_lies_where_it_is_started(started, monkeypatch, tmp_path):
+    (tmp_path / "envs").mkdir()
+    (tmp_path / "envs" / "__init__.py").write_text("raise ImportError")
+    monkeypatch.chdir(tmp_path)
+    with compiling_beside("float64", "symplectic_euler"):
+        (process,) = started
+    assert process.returncode == 0
 
 
 def test_where_there_is_one_core_all_is_compiled_in_one_process(started, monkeypatch):

@@ -99,7 +99,25 @@ def test_where_no_way_is_found_the_policy_does_what_it_would_have_done():
     policy = make_policy("foresight:50:min-cut-index", env, 0)
     assert policy.predict(observation)[0] == ScriptedPolicy("min-cut-index").bind(env).predict(observation)[0]
     # every cut is fatal: the start is a dead end, and no more is spent on it
-    assert policy.n_simulated == PATIENCE + 1
+    assert policy.n_simulated == PATIENCE
+
+
+@pytest.mark.parametrize("n_legal", [0, 1, 2])
+def test_where_fewer_cuts_are_legal_than_it_has_patience_for_and_all_are_fatal_nothing_is_tried_twice(n_legal, monkeypatch):
+    env = ResectEnv(small_scene(load=5.0))
+    env.reset(seed=0)
+    legal = np.flatnonzero(env.action_masks())[:n_legal]
+    monkeypatch.setattr(ResectEnv, "action_masks", lambda env: np.isin(np.arange(env.action_space.n), legal))
+    policy = ForesightPolicy("chooser", 50, lambda twin: Chooser(legal)).bind(env)
+    assert policy.plan(env, limit=50) == ()
+    assert policy.n_simulated == n_legal
+
+
+def test_a_tool_that_reaches_little_leaves_foresight_an_end():
+    env = ResectEnv(small_scene(load=1.0, tool_radius=0.4))
+    for name in ("foresight:300:min-cut-index", "foresight:300:rim-first"):
+        episode = play_episode(make_policy(name, env, 0), env, name, 0, 0)
+        assert episode.n_simulated <= 300
 
 
 @pytest.mark.parametrize("budget", [0, 1, 7, 60])
@@ -120,14 +138,26 @@ def test_foresight_never_exceeds_its_budget(budget, load_factor, n_steps):
 
 
 def test_a_narrower_mask_holds_for_what_is_done():
-    env = ResectEnv(small_scene(load=5.0))
+    env = level_0(1)
     observation, _ = env.reset(seed=0)
+    planned, _ = make_policy("foresight:100:rim-first", env, 0).predict(observation)
+    assert make_policy("foresight:100:rim-first", env, 0).plan(env, 100), "a way is found"
     mask = np.zeros(env.action_space.n, dtype=bool)
-    mask[[3, 40]] = True
-    assert make_policy("foresight:20:min-cut-index", env, 0).predict(observation, action_masks=mask)[0] in (3, 40)
+    mask[[action for action in np.flatnonzero(observation["action_mask"]) if action != planned][:2]] = True
+    assert mask[make_policy("foresight:100:rim-first", env, 0).predict(observation, action_masks=mask)[0]]
 
 
-def test_foresight_of_a_learned_policy_gives_the_same_episodes_again(tmp_path):
+def test_a_guide_that_simulates_is_counted_and_not_asked_any_more_once_the_budget_is_spent(n_steps):
+    env = level_0(1)
+    policy = make_policy("foresight:10:lookahead", env, 0)
+    observation, _ = env.reset(seed=0)
+    n_plan = int(len(env.scene.certificate.order))
+    assert policy.plan(env, limit=10) == ()
+    assert policy.n_simulated == len(n_steps)
+    assert 10 <= policy.n_simulated < 10 + n_plan, "only one thought goes beyond the budget"
+
+
+def test_foresight_of_a_learned_policy_gives_the_same_episodes_again():
     pytest.importorskip("torch")
     from agents.candidate_policy import CandidatePolicy
     from agents.training_config import NetworkSettings

@@ -8,6 +8,7 @@ import sys
 
 import numba
 import pytest
+from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 
 from gmapspring.jit import kernel, part
@@ -31,7 +32,13 @@ def test_the_garbage_collector_is_after_compiling_what_it_was_before(is_on):
     was_on = gc.isenabled()
     try:
         (gc.enable if is_on else gc.disable)()
-        assert twice(2) == 4
+        while_compiling = []
+        probe = event.RecordingListener()
+        probe.on_start = lambda started: while_compiling.append(gc.isenabled())
+        with event.install_listener("numba:compile", probe):
+            assert twice(2) == 4
+        # nothing is compiled where the kernel is in the cache from the last time
+        assert not any(while_compiling)
         assert gc.isenabled() == is_on
         # what cannot be compiled is no exception
         with pytest.raises((numba.errors.TypingError, TypeError)):

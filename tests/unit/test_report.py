@@ -96,10 +96,13 @@ def test_what_the_simulator_adds_stands_beside_the_figure_and_reaches_no_aim():
 
 
 def test_how_many_aims_the_simulator_would_reach_is_told():
-    groups = group_of("base", [0.5, 0.7]), group_of("foresight:30:base", [0.9, 1.0])
+    groups = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("foresight:30:base", [0.9, 1.0], [0.9, 0.9])
     text = page(results_of(*groups, reach={"return": 0.9}), [])
     assert "0 of 1 figures aimed at are reached" in text
-    assert "with shield it would be 0, with foresight:30 it would be 1." in text
+    assert "with shield it would be 0 of the 0 that were measured so" in text
+    assert "with foresight:30 it would be 1 of the 1 that were measured so." in text
+    half = group_of("base", [0.5, 0.7], [0.7, 0.9]), group_of("foresight:30:base", [0.9, 1.0])
+    assert "with foresight:30 it would be 0 of the 0" in page(results_of(*half, reach={"return": 0.9}), [])
 
 
 def test_a_policy_in_a_wrapper_has_a_line_of_its_own_with_the_training_of_its_row():
