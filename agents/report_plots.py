@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 
 from agents.choice import SEARCH
 from agents.png import figure_as_png
@@ -82,5 +83,9 @@ def _draw_thinking(panel: Axes, results: Results, scene: str) -> None:
     for name, points in families.items():
         panel.plot(*np.array(sorted(points)).T, marker="o", color=f"C{len(panel.lines)}", label=name)
     panel.set(title=scene, xlabel="simulated steps per episode", ylabel="success", xscale="log", ylim=(-0.03, 1.03))
+    # Plain numbers, few enough to be read side by side.
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.xaxis.set_major_formatter(ScalarFormatter())
+    panel.xaxis.set_minor_locator(NullLocator())
     panel.grid(alpha=0.3)
     panel.legend(fontsize=7)
