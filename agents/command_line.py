@@ -30,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _guarded(parsed: argparse.Namespace) -> int:
     """Run a command; tell an error in one line, unless its traceback is asked for."""
     try:
-        code: int = parsed.run(parsed, Console())
+        # Names of policies have colons in them: foresight:100:NAME means no emoji.
+        code: int = parsed.run(parsed, Console(emoji=False))
         sys.stdout.flush()
         return code
     except BrokenPipeError:

@@ -59,7 +59,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def say(parsed: argparse.Namespace) -> Console:
     """Return where a command that may print JSON tells how it goes: standard error where it does."""
-    return Console(stderr=parsed.json)
+    return Console(stderr=parsed.json, emoji=False)
 
 
 def print_json(result: Any) -> None:

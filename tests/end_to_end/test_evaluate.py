@@ -38,6 +38,12 @@ def test_evaluate_prints_a_table_and_writes_a_line_per_episode(tmp_path, capsys)
     assert not list(out.parent.glob("*.unfinished"))
 
 
+def test_names_with_colons_are_printed_as_they_are(capsys):
+    code, printed, _ = run(["evaluate", "foresight:100:rim-first", "--scene", "box-48", "--episodes", 1], capsys)
+    assert code == 0
+    assert "| foresight:100:rim-first |" in printed
+
+
 def test_evaluate_tells_how_many_simulator_steps_thinking_took(tmp_path, capsys):
     arguments = ["evaluate", "rim-first", "shield:rim-first", "search:30", "--scene", "box-48", "--episodes", 2]
     code, printed, _ = run([*arguments, "--out", tmp_path / "episodes.csv"], capsys)
