@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import linear
 
 from agents.features import N_OWN, N_SIDE, OWN_FEATURES, SIDE_FEATURES
-from agents.segments import Graph, Segments, highest, log_softmax, messages, spread, total
+from agents.segments import Graph, Meeting, Segments, highest, log_softmax, meet, messages, spread, total
 from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
 
@@ -90,23 +91,23 @@ class CandidateNetwork(nn.Module):
             graph: which tetrahedra are sewn to each other.
             of: what belongs to which state.
         """
-        features, tetrahedra, of_state = (
-            part * sees for part, sees in zip((seen.features, seen.tetrahedra, seen.of_state), self._sees, strict=True)
-        )
-        known = self._known(tetrahedra, graph)
-        context, centres = self._context(known, seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3], of_state, of.tetrahedra)
-        # In place, like the rectifiers: new memory costs as much as the sum.
-        joined = self.of_candidate(features).add_(spread(self.from_context(context), of.candidates))
-        for layer, side in zip(self.of_sides, seen.sides, strict=True):
-            joined = joined.add_(layer(known).index_select(0, side))
+        sees_candidate, _, sees_state = self._sees
+        known = self._known(seen.tetrahedra, graph)
+        offset = seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]
+        context, centres = self._context(known, offset, seen.of_state * sees_state, of.tetrahedra)
         away = seen.features[:, None, OFFSET : OFFSET + 3] - spread(centres, of.candidates).unflatten(1, (-1, 3))
-        joined = joined.add_(self.from_distance(away.square().sum(2)))
-        joined = self.encoder(joined.relu_()).relu_()
+        # In place: new memory costs as much as the sum.
+        own = linear(seen.features, self.of_candidate.weight * sees_candidate, self.of_candidate.bias)
+        own = own.add_(self.from_distance(away.square().sum(2)))
+        first, second = (layer(known) for layer in self.of_sides)
+        joined = meet(own, self.from_context(context), first, second, Meeting(of.candidates, seen.sides))
+        joined = self.encoder(joined).relu_()
         return log_softmax(self.logit(joined).flatten(), of.candidates), self.value(self.value_encoder(context)).flatten()
 
     def _known(self, tetrahedra: Tensor, graph: Graph) -> Tensor:
         """Return what is known of each tetrahedron after all messages, (n_tetrahedra, hidden)."""
-        known = self.embedding(tetrahedra).relu_()
+        # What is hidden is left out by the weights: to clear it in what is seen would take longer.
+        known = linear(tetrahedra, self.embedding.weight * self._sees[1], self.embedding.bias).relu_()
         for own, sent in zip(self.own, self.sent, strict=True):
             known = known + own(known).add_(messages(sent(known), graph)).relu_()
         return known

@@ -12,6 +12,7 @@ from agents.candidate_network import CandidateNetwork, Owners, Seen
 from agents.features import Candidates, Observed, gather_candidates
 from agents.segments import Graph, Segments, highest, segments, total
 from agents.training_config import NetworkSettings
+from gmapspring.jit import kernel
 
 OBSERVATION_KEYS = (*Observed._fields, "action_mask")
 """The parts of the observation that the policy reads; the others may be absent."""
@@ -81,19 +82,36 @@ class CandidatePolicy(MaskableActorCriticPolicy):
         """Return (candidates, which are whose, their log-probabilities, values of the states)."""
         candidates = obs if isinstance(obs, Candidates) else read_candidates(obs, action_masks)
         of = Owners(segments(candidates.offset), segments(candidates.tetrahedron_offset))
-        return candidates, of.candidates, *self.network(*_prepared(candidates, of), of)
+        return candidates, of.candidates, *self.network(*_prepared(candidates), of)
 
 
-def _prepared(candidates: Candidates, of: Owners) -> tuple[Seen, Graph]:
+def _prepared(candidates: Candidates) -> tuple[Seen, Graph]:
     """Return what the network takes: rows of a state's own tetrahedra become rows of all."""
-    first = of.tetrahedra.first.numpy()
-    sides = candidates.sides.T + first[of.candidates.state_of.numpy()]
-    is_sewn = candidates.neighbours >= 0
-    n_neighbours = is_sewn.sum(axis=1)
-    neighbours = (candidates.neighbours + first[of.tetrahedra.state_of.numpy()][:, None])[is_sewn]
+    n_candidates, n_tetrahedra = len(candidates.sides), len(candidates.neighbours)
+    sides, first = np.empty((2, n_candidates), np.int64), np.empty(n_tetrahedra, np.int64)
+    neighbours = np.empty(candidates.neighbours.size, np.int64)
+    n_neighbours = _renumber(candidates, sides, neighbours, first)
     arrays = candidates.features, sides, candidates.tetrahedra, candidates.of_state
-    graph = Graph(torch.from_numpy(neighbours), torch.from_numpy(np.cumsum(n_neighbours) - n_neighbours))
+    graph = Graph(torch.from_numpy(neighbours[:n_neighbours]), torch.from_numpy(first))
     return Seen(*map(torch.from_numpy, arrays)), graph
+
+
+@kernel
+def _renumber(candidates, sides, neighbours, first):
+    """Write sides and neighbours as rows of all tetrahedra, and where each one's neighbours begin; return how many there are."""
+    n_neighbours = 0
+    for state in range(len(candidates.offset) - 1):
+        start = candidates.tetrahedron_offset[state]
+        for candidate in range(candidates.offset[state], candidates.offset[state + 1]):
+            for side in range(2):
+                sides[side, candidate] = start + candidates.sides[candidate, side]
+        for tet in range(start, candidates.tetrahedron_offset[state + 1]):
+            first[tet] = n_neighbours
+            for corner in range(4):
+                if candidates.neighbours[tet, corner] >= 0:
+                    neighbours[n_neighbours] = start + candidates.neighbours[tet, corner]
+                    n_neighbours += 1
+    return n_neighbours
 
 
 def read_candidates(obs: Any, action_masks: Any = None) -> Candidates:

@@ -99,7 +99,8 @@ AREA, CENTROID = 1, 2
 ATTACHED, IS_TARGET, IS_ANCHOR = 1, 2, 3
 LOAD_DIRECTION = 0
 _COPIED = 9
-_QUARTER = np.float32(0.25)
+_QUARTER, _OFFSET_SCALE = np.float32(0.25), np.float32(OFFSET_SCALE)
+_MIDDLE, _LOAD, _ANCHORS = range(3)
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
 # Strains come last, or the order of the sides would tell them to a network that is to be blind to them.
 _COMPARED = tuple(sorted(range(N_SIDE), key=lambda column: SIDE_FEATURES[column] in ("strain", "volume ratio")))
@@ -141,47 +142,42 @@ def _count_shown(face_tetrahedra, is_legal, n_shown):
 @kernel
 def _gather(observed, is_legal, out):
     """Fill all but the offsets and the globals, one observation after the other."""
-    n_faces = observed.faces.shape[1]
-    centres = np.empty((observed.tetrahedra.shape[1], 3), np.float32)
-    place_of = np.empty(observed.tetrahedra.shape[1], np.int32)
-    middle, ways = np.empty(3, np.float32), np.empty((2, 3), np.float32)
+    n_faces, n_tets = observed.faces.shape[1], observed.tetrahedra.shape[1]
+    centres, frame = np.empty((n_tets, 3), np.float32), np.empty((3, 3), np.float32)
+    place_of = np.empty(n_tets, np.int32)
     for row in range(is_legal.shape[0]):
-        start, stop = out.tetrahedron_offset[row], out.tetrahedron_offset[row + 1]
-        sides, neighbours = out.tetrahedra[start:stop], out.neighbours[start:stop]
+        start = out.tetrahedron_offset[row]
         if _place_shown(observed.face_tetrahedra[row], is_legal[row], place_of) == 0:
-            _clear(sides[0])
+            _clear(out.tetrahedra[start])
             for corner in range(4):
-                neighbours[0, corner] = -1
-        _find_centres(observed, row, centres, middle)
-        _find_ways(observed, row, centres, middle, ways)
-        for tet in range(len(place_of)):
+                out.neighbours[start, corner] = -1
+        _find_centres(observed, row, centres, frame)
+        _find_ways(observed, row, centres, frame)
+        for tet in range(n_tets):
             if place_of[tet] >= 0:
-                side = sides[place_of[tet]]
-                _fill_side(observed, row, tet, side, neighbours[place_of[tet]], place_of)
-                _locate(side[_SIDE_PLACE:], centres[tet], middle, ways)
-        faces, face_tetrahedra = observed.faces[row], observed.face_tetrahedra[row]
-        place = out.offset[row]
-        for candidate in range(is_legal.shape[1]):
-            if not is_legal[row, candidate]:
-                continue
-            out.action[place] = candidate
-            own = out.features[place]
-            if candidate < n_faces:
-                one = place_of[int(face_tetrahedra[candidate, 0])]
-                two = place_of[int(face_tetrahedra[candidate, 1])]
-                _relate(own, out.sides[place], sides, one, two)
-                own[0], own[1] = 1.0, faces[candidate, AREA]
-                _locate(own[_OWN_PLACE:], faces[candidate, CENTROID:], middle, ways)
-            else:
-                one = place_of[candidate - n_faces]
-                _relate(own, out.sides[place], sides, one, one)
-                own[0], own[1] = 0.0, 0.0
-                _locate(own[_OWN_PLACE:], centres[candidate - n_faces], middle, ways)
-            place += 1
-        if place == out.offset[row]:
-            out.action[place] = 0
-            _clear(out.features[place])
-            _clear(out.sides[place])
+                _fill_side(observed, row, tet, out, start, place_of)
+                _locate(out.tetrahedra, start + place_of[tet], _SIDE_PLACE, centres, tet, frame)
+        candidate = out.offset[row]
+        for action in range(n_faces):
+            if is_legal[row, action]:
+                out.action[candidate] = action
+                one = place_of[int(observed.face_tetrahedra[row, action, 0])]
+                two = place_of[int(observed.face_tetrahedra[row, action, 1])]
+                _relate(out, candidate, start, one, two)
+                out.features[candidate, 0], out.features[candidate, 1] = 1.0, observed.faces[row, action, AREA]
+                _locate(out.features, candidate, _OWN_PLACE, observed.faces[row, :, CENTROID:], action, frame)
+                candidate += 1
+        for tet in range(n_tets):
+            if is_legal[row, n_faces + tet]:
+                out.action[candidate] = n_faces + tet
+                _relate(out, candidate, start, place_of[tet], place_of[tet])
+                out.features[candidate, 0], out.features[candidate, 1] = 0.0, 0.0
+                _locate(out.features, candidate, _OWN_PLACE, centres, tet, frame)
+                candidate += 1
+        if candidate == out.offset[row]:
+            out.action[candidate] = 0
+            _clear(out.features[candidate])
+            _clear(out.sides[candidate])
 
 
 @part
@@ -202,90 +198,98 @@ def _place_shown(face_tetrahedra, is_legal, place_of):
 
 
 @part
-def _find_centres(observed, row, centres, middle):
+def _find_centres(observed, row, centres, frame):
     """Find the rest centroids of all attached tetrahedra, and the target's centre, the mean of its own [h]."""
-    nodes, tetrahedra = observed.nodes[row], observed.tetrahedra[row]
+    nodes, tetrahedra, corners = observed.nodes, observed.tetrahedra, observed.tetrahedron_nodes
     n_target = 0
-    _clear(middle)
+    for axis in range(3):
+        frame[_MIDDLE, axis] = 0.0
     for tet in range(len(centres)):
-        if tetrahedra[tet, ATTACHED] == 0.0:
+        if tetrahedra[row, tet, ATTACHED] == 0.0:
             continue
-        _clear(centres[tet])
+        for axis in range(3):
+            centres[tet, axis] = 0.0
         for corner in range(4):
-            node = nodes[int(observed.tetrahedron_nodes[row, tet, corner])]
+            node = np.uint32(corners[row, tet, corner])
             for axis in range(3):
-                centres[tet, axis] += _QUARTER * (node[POSITION + axis] - node[DISPLACEMENT + axis])
-        if tetrahedra[tet, IS_TARGET] > 0.0:
+                centres[tet, axis] += _QUARTER * (nodes[row, node, POSITION + axis] - nodes[row, node, DISPLACEMENT + axis])
+        if tetrahedra[row, tet, IS_TARGET] > 0.0:
             n_target += 1
             for axis in range(3):
-                middle[axis] += centres[tet, axis]
+                frame[_MIDDLE, axis] += centres[tet, axis]
     for axis in range(3):
-        middle[axis] /= np.float32(max(n_target, 1))
+        frame[_MIDDLE, axis] /= np.float32(max(n_target, 1))
 
 
 @part
-def _find_ways(observed, row, centres, middle, ways):
+def _find_ways(observed, row, centres, frame):
     """Find the directions of the load and of the anchors' centre seen from the target's, each 0 where there is none."""
-    tetrahedra = observed.tetrahedra[row]
-    _clear(ways[1])
+    tetrahedra = observed.tetrahedra
+    for axis in range(3):
+        frame[_LOAD, axis], frame[_ANCHORS, axis] = observed.globals[row, LOAD_DIRECTION + axis], 0.0
     for tet in range(len(centres)):
-        if tetrahedra[tet, ATTACHED] > 0.0 and tetrahedra[tet, IS_ANCHOR] > 0.0:
+        if tetrahedra[row, tet, ATTACHED] > 0.0 and tetrahedra[row, tet, IS_ANCHOR] > 0.0:
             for axis in range(3):
-                ways[1, axis] += centres[tet, axis] - middle[axis]
+                frame[_ANCHORS, axis] += centres[tet, axis] - frame[_MIDDLE, axis]
     square = np.float32(0.0)
     for axis in range(3):
-        ways[0, axis] = observed.globals[row, LOAD_DIRECTION + axis]
-        square += ways[1, axis] * ways[1, axis]
+        square += frame[_ANCHORS, axis] * frame[_ANCHORS, axis]
     if square > 0.0:
         for axis in range(3):
-            ways[1, axis] /= np.sqrt(square)
+            frame[_ANCHORS, axis] /= np.sqrt(square)
 
 
 @part
-def _locate(place, centre, middle, ways):
-    """Write where something lies, seen from the middle of the target."""
-    _clear(place[:3])
+def _locate(rows, place, column, centres, number, frame):
+    """Write where something lies, seen from the middle of the target: to six columns of a row, given its centre by number."""
+    square, along_load, to_anchors = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
-        offset = (centre[axis] - middle[axis]) * np.float32(OFFSET_SCALE)
-        place[3 + axis] = offset
-        place[0] += offset * offset
-        place[1] += offset * ways[0, axis]
-        place[2] += offset * ways[1, axis]
-    place[0] = np.sqrt(place[0])
+        offset = (centres[number, axis] - frame[_MIDDLE, axis]) * _OFFSET_SCALE
+        rows[place, column + 3 + axis] = offset
+        square += offset * offset
+        along_load += offset * frame[_LOAD, axis]
+        to_anchors += offset * frame[_ANCHORS, axis]
+    rows[place, column], rows[place, column + 1], rows[place, column + 2] = np.sqrt(square), along_load, to_anchors
 
 
 @part
-def _fill_side(observed, row, tet, side, neighbours, place_of):
+def _fill_side(observed, row, tet, out, start, place_of):
     """Fill what a tetrahedron shows, but for where it lies, and which of those that are shown it is sewn to."""
-    tetrahedra = observed.tetrahedra[row]
-    _clear(side[_COPIED:])
+    tetrahedra, place = observed.tetrahedra, start + place_of[tet]
     for column in range(_COPIED):
-        side[column] = tetrahedra[tet, IS_TARGET + column]
+        out.tetrahedra[place, column] = tetrahedra[row, tet, IS_TARGET + column]
+    targets, healthy, mass = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for corner in range(4):
         neighbour = int(observed.tetrahedron_neighbours[row, tet, corner])
-        neighbours[corner] = -1
+        out.neighbours[place, corner] = -1
         if neighbour >= 0:
-            neighbours[corner] = place_of[neighbour]
-            is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
-            side[_TARGETS_BESIDE if is_target else _HEALTHY_BESIDE] += _QUARTER
-        side[_MASS] += _QUARTER * observed.nodes[row, int(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
+            out.neighbours[place, corner] = place_of[neighbour]
+            is_target = tetrahedra[row, neighbour, IS_TARGET] > 0.0
+            targets += _QUARTER * is_target
+            healthy += _QUARTER * (not is_target)
+        mass += _QUARTER * observed.nodes[row, np.uint32(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
+    out.tetrahedra[place, _TARGETS_BESIDE], out.tetrahedra[place, _HEALTHY_BESIDE] = targets, healthy
+    out.tetrahedra[place, _MASS] = mass
 
 
 @part
-def _relate(own, pair, sides, one, two):
+def _relate(out, candidate, start, one, two):
     """Write both sides, the higher row first, and what follows from the two together."""
+    sides = out.tetrahedra
     for column in _COMPARED:
-        rise = sides[two, column] - sides[one, column]
+        rise = sides[start + two, column] - sides[start + one, column]
         if rise > 0.0:
             one, two = two, one
         if rise != 0.0:
             break
-    pair[0], pair[1] = one, two
+    out.sides[candidate, 0], out.sides[candidate, 1] = one, two
+    one, two = start + one, start + two
     first, second = sides[one, _TARGET], sides[two, _TARGET]
-    own[2] = first * second
-    own[3] = abs(first - second)
-    own[4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
-    own[5] = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))
+    own = out.features
+    own[candidate, 2] = first * second
+    own[candidate, 3] = abs(first - second)
+    own[candidate, 4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
+    own[candidate, 5] = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))
 
 
 @part

@@ -19,9 +19,9 @@ import numpy as np
 
 from envs.action_table import ActionTable, touching_actions
 from envs.costs import face_costs, loss_costs, tetrahedron_costs
-from envs.flow import reached_from
+from envs.flow import reached
 from envs.scene import Scene
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 Array = np.ndarray[Any, Any]
 
@@ -52,35 +52,44 @@ class Prices(NamedTuple):
     """Each by itself, before any healthy tissue comes loose, shape (n_actions,)."""
     losses: Array
     """Each tetrahedron that comes loose, shape (n_tetrahedra,)."""
-    allowed_actions: Array
-    """The same of actions, infinite for those that lay open a vessel: no price is high enough."""
-    allowed_losses: Array
-    """The same of tetrahedra, likewise."""
 
 
-class _State(NamedTuple):
-    """A body part way through."""
+class _Terms(NamedTuple):
+    """What kernels need of a scene; a price that is infinite forbids."""
 
-    is_attached: Array
-    is_sewn: Array
     sides: Array
-    prices: Prices
+    """The two tetrahedra of each face, int32 (n_faces, 2)."""
+    is_target: Array
+    is_anchor: Array
+    face_price: Array
+    removal_price: Array
+    loss_price: Array
 
 
-_PRICES: WeakKeyDictionary[Scene, Prices] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Scene, tuple[Prices, _Terms]] = WeakKeyDictionary()
 
 
 def prices_of(scene: Scene, table: ActionTable) -> Prices:
     """Return what the cuts of a scene cost; they are the same however far it has been cut."""
-    if scene not in _PRICES:
+    return _known(scene, table)[0]
+
+
+def _known(scene: Scene, table: ActionTable) -> tuple[Prices, _Terms]:
+    """Return what stays the same while a scene is played."""
+    if scene not in _KNOWN:
         actions = np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
-        losses = loss_costs(table.volume, ~scene.target, scene.spacing)
-        is_touching = touching_actions(table, scene.vessel)
-        prices = Prices(actions, losses, np.where(is_touching, np.inf, actions), np.where(scene.vessel, np.inf, losses))
+        prices = Prices(actions, loss_costs(table.volume, ~scene.target, scene.spacing))
         for array in prices:
             array.flags.writeable = False
-        _PRICES[scene] = prices
-    return _PRICES[scene]
+        # No price is high enough to lay open a vessel.
+        face_price, removal_price = np.split(np.where(touching_actions(table, scene.vessel), np.inf, actions), [table.n_faces])
+        # Copies, all writable: kernels are compiled for one kind of array.
+        terms = _Terms(
+            np.array(table.face_tetrahedra, np.int32), np.array(scene.target), np.array(scene.anchor), face_price.copy(),
+            removal_price.copy(), np.where(scene.vessel, np.inf, prices.losses),
+        )  # fmt: skip
+        _KNOWN[scene] = prices, terms
+    return _KNOWN[scene]
 
 
 def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = None, is_sewn: Array | None = None) -> MinimumCut:
@@ -92,99 +101,119 @@ def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = No
         is_attached: tetrahedra that hang on an anchor, bool (n_tetrahedra,); all, if not given.
         is_sewn: interior faces that are not cut, bool (n_faces,); all, if not given.
     """
-    attached = np.ones(table.n_tetrahedra, dtype=bool) if is_attached is None else is_attached
-    sewn = np.ones(table.n_faces, dtype=bool) if is_sewn is None else is_sewn
-    sides = table.face_tetrahedra
-    state = _State(attached, sewn & attached[sides].all(axis=1), sides, prices_of(scene, table))
+    prices, terms = _known(scene, table)
+    attached = np.ones(table.n_tetrahedra, bool) if is_attached is None else np.array(is_attached, bool)
+    sewn = np.ones(table.n_faces, bool) if is_sewn is None else np.array(is_sewn, bool)
+    is_done, is_lost = np.zeros(table.n_actions, bool), np.zeros(table.n_tetrahedra, bool)
+    is_possible, is_exact = _find_cut(terms, attached, sewn, is_done, is_lost)
+    if not is_possible:
+        return MinimumCut(np.zeros(0, np.int64), np.inf, is_lost, is_exact)
+    actions = np.flatnonzero(is_done)
+    return MinimumCut(actions, float(prices.actions[actions].sum() + prices.losses[is_lost].sum()), is_lost, is_exact)
+
+
+@kernel
+def _find_cut(terms, is_attached, is_sewn, is_done, is_lost):
+    """Mark the actions of the cheapest cut and the healthy tetrahedra lost by it; return (is there one, is it exact)."""
+    n_faces, n_tets = len(terms.sides), len(is_attached)
+    for face in range(n_faces):
+        is_sewn[face] = is_sewn[face] and is_attached[terms.sides[face, 0]] and is_attached[terms.sides[face, 1]]
     # What hangs on the target alone is lost with it; the flow itself does not know that tissue must hang on something.
-    off = attached & (scene.target | ~_held(state, attached & ~scene.target, scene.anchor))
+    off = is_attached & ~_held(terms, is_sewn, is_attached & ~terms.is_target)
     is_exact = True
     while True:
-        limit = _limit(state, off)
-        if np.isinf(limit):
-            nothing = np.zeros(0, dtype=np.int64)
-            return MinimumCut(nothing, np.inf, np.zeros(table.n_tetrahedra, dtype=bool), is_exact)
-        comes_off, is_removed = _split(scene, table, state, off, limit)
-        stays = attached & ~comes_off & ~is_removed
-        islands = stays & ~_held(state, stays, scene.anchor)
+        limit = _limit(terms, is_sewn, off)
+        if limit == np.inf:
+            return False, is_exact
+        tails, heads, capacities = _network(terms, is_attached, is_sewn, off, limit)
+        is_reached = reached(2 * n_tets, 2 * n_tets + 1, 2 * n_tets + 2, tails, heads, capacities)
+        comes_off = is_reached[n_tets : 2 * n_tets] & is_attached
+        is_removed = is_reached[:n_tets] & is_attached & ~comes_off
+        stays = is_attached & ~comes_off & ~is_removed
+        islands = stays & ~_held(terms, is_sewn, stays)
         if not islands.any():
             break
         is_exact = False
         off = off | islands
-    return _plan(scene, table, state, comes_off, is_removed)._replace(is_exact=is_exact)
+    for face in range(n_faces):
+        one, other = terms.sides[face]
+        is_done[face] = is_sewn[face] and comes_off[one] != comes_off[other] and not (is_removed[one] or is_removed[other])
+    for tet in range(n_tets):
+        is_done[n_faces + tet] = is_removed[tet]
+        is_lost[tet] = comes_off[tet] and not terms.is_target[tet]
+    return True, is_exact
 
 
-def _plan(scene: Scene, table: ActionTable, state: _State, comes_off: Array, is_removed: Array) -> MinimumCut:
-    """Return the actions that part what comes off from what stays, and their cost."""
-    first, second = state.sides.T
-    is_cut = state.is_sewn & (comes_off[first] != comes_off[second]) & ~is_removed[first] & ~is_removed[second]
-    actions = np.concatenate([np.flatnonzero(is_cut), table.n_faces + np.flatnonzero(is_removed)])
-    lost = comes_off & ~scene.target
-    cost = float(state.prices.actions[actions].sum() + state.prices.losses[lost].sum())
-    return MinimumCut(actions, cost, lost, True)
+@part
+def _held(terms, is_sewn, members):
+    """Return which of some tetrahedra hang on an anchor by chains of sewn faces among themselves, bool.
 
-
-def _held(state: _State, members: Array, anchor: Array) -> Array:
-    """Return which of some tetrahedra hang on an anchor by chains of sewn faces among themselves, bool."""
-    held = members & anchor
-    _spread(state.sides[state.is_sewn & members[state.sides].all(axis=1)], held)
-    return held
-
-
-@kernel
-def _spread(links, is_met):
-    """Mark all that is linked to what is marked; faces are few and chains short, so sweeps need no queue."""
+    Faces are few and chains short, so sweeps need no queue.
+    """
+    sides, held = terms.sides, members & terms.is_anchor
     is_growing = True
     while is_growing:
         is_growing = False
-        for link in range(links.shape[0]):
-            if is_met[links[link, 0]] != is_met[links[link, 1]]:
-                is_met[links[link, 0]] = is_met[links[link, 1]] = True
-                is_growing = True
+        for face in range(len(sides)):
+            one, other = sides[face]
+            if held[one] != held[other] and is_sewn[face] and members[one] and members[other]:
+                held[one] = held[other] = is_growing = True
+    return held
 
 
-def _split(scene: Scene, table: ActionTable, state: _State, off: Array, limit: float) -> tuple[Array, Array]:
-    """Return which tetrahedra come off and which are removed by the least cut that takes some off for certain."""
-    n_tets = table.n_tetrahedra
-    if not off.any():
-        return np.zeros(n_tets, dtype=bool), np.zeros(n_tets, dtype=bool)
-    is_reached = reached_from(2 * n_tets, 2 * n_tets + 1, 2 * n_tets + 2, *_network(scene, table, state, off, limit))
-    reached_in, reached_out = is_reached[:n_tets], is_reached[n_tets : 2 * n_tets]
-    return reached_out & state.is_attached, reached_in & ~reached_out & state.is_attached
-
-
-def _limit(state: _State, off: Array) -> float:
+@part
+def _limit(terms, is_sewn, off):
     """Return what it costs to cut what must come off all around.
 
     It is infinite only where there is no way at all: a vessel's tetrahedron among what must come off is lost however it is done,
     and one across a face can neither be cut from it nor have it removed.
     """
-    faces = np.flatnonzero(state.is_sewn)
-    first, second = state.sides[faces].T
-    return float(state.prices.allowed_actions[faces[off[first] != off[second]]].sum() + state.prices.allowed_losses[off].sum())
+    limit = 0.0
+    for face in range(len(terms.sides)):
+        one, other = terms.sides[face]
+        if is_sewn[face] and off[one] != off[other]:
+            limit += terms.face_price[face]
+    for tet in range(len(off)):
+        if off[tet]:
+            limit += terms.loss_price[tet]
+    return limit
 
 
-def _network(scene: Scene, table: ActionTable, state: _State, off: Array, limit: float) -> tuple[Array, Array, Array]:
+@part
+def _network(terms, is_attached, is_sewn, off, limit):
     """Return arcs as (tails, heads, capacities in whole numbers); nodes are all in, all out, source, sink.
 
     limit: what it costs to cut all around what must come off. No flow exceeds that, and no capacity need be larger.
     """
-    n_tets, n_faces, costs = table.n_tetrahedra, table.n_faces, state.prices.allowed_actions
-    attached = np.flatnonzero(state.is_attached)
-    faces = np.flatnonzero(state.is_sewn)
-    first, second = state.sides[faces].T
+    n_tets, n_sewn = len(is_attached), np.count_nonzero(is_sewn)
+    n_arcs = 2 * (n_sewn + np.count_nonzero(is_attached)) + np.count_nonzero(off)
+    tails, heads, capacities = np.empty(n_arcs, np.int64), np.empty(n_arcs, np.int64), np.empty(n_arcs, np.int64)
     scale = FLOW_LIMIT / limit if limit > 0.0 else 1.0
-    endless = np.inf
-    removal = np.where(scene.anchor, endless, costs[n_faces:])
-    leak = np.where(scene.anchor, endless, state.prices.allowed_losses)
-    parts = [
-        (attached, attached + n_tets, removal[attached]),
-        (first + n_tets, second, costs[faces]),
-        (second + n_tets, first, costs[faces]),
-        (np.full(off.sum(), 2 * n_tets), np.flatnonzero(off), np.full(off.sum(), endless)),
-        (attached + n_tets, np.full(len(attached), 2 * n_tets + 1), leak[attached]),
-    ]
-    tails, heads, capacities = (np.concatenate(column) for column in zip(*parts, strict=True))
     # One above the limit on the whole flow is as good as endless.
-    whole = np.minimum(np.rint(capacities * scale), FLOW_LIMIT + len(faces) + n_tets).astype(np.int64)
-    return tails, heads, whole
+    endless = np.float64(FLOW_LIMIT + n_sewn + n_tets)
+    arc = 0
+    for tet in range(n_tets):
+        if is_attached[tet]:
+            removal, loss = terms.removal_price[tet], terms.loss_price[tet]
+            if terms.is_anchor[tet]:
+                removal = loss = np.inf
+            tails[arc], heads[arc], capacities[arc] = tet, n_tets + tet, _whole(removal, scale, endless)
+            tails[arc + 1], heads[arc + 1], capacities[arc + 1] = n_tets + tet, 2 * n_tets + 1, _whole(loss, scale, endless)
+            arc += 2
+        if off[tet]:
+            tails[arc], heads[arc], capacities[arc] = 2 * n_tets, tet, np.int64(endless)
+            arc += 1
+    for face in range(len(is_sewn)):
+        if is_sewn[face]:
+            one, other = terms.sides[face]
+            tails[arc], heads[arc] = n_tets + one, other
+            tails[arc + 1], heads[arc + 1] = n_tets + other, one
+            capacities[arc] = capacities[arc + 1] = _whole(terms.face_price[face], scale, endless)
+            arc += 2
+    return tails, heads, capacities
+
+
+@part
+def _whole(price, scale, endless):
+    """Return a price as a capacity."""
+    return np.int64(min(np.rint(price * scale), endless))

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 torch = pytest.importorskip("torch")
 
-from agents.candidate_network import SAID, SIDE_OFFSET, STRAINED, TURNED, Owners  # noqa: E402
+from agents.candidate_network import SAID, SIDE_OFFSET, STRAINED, TURNED  # noqa: E402
 from agents.candidate_policy import OBSERVATION_KEYS, CandidatePolicy, _drawn, _prepared, read_candidates  # noqa: E402
 from agents.features import OWN_FEATURES, SIDE_FEATURES  # noqa: E402
 from agents.segments import segments  # noqa: E402
@@ -208,8 +208,7 @@ def test_what_is_far_away_is_heard_of_within_as_many_rounds_as_it_is_steps_off(e
 
 def graph_of(state):
     """Return who is sewn to whom in a single state."""
-    of = Owners(segments(state.offset), segments(state.tetrahedron_offset))
-    return _prepared(state, of)[1]
+    return _prepared(state)[1]
 
 
 def turned(observation, rng):
