@@ -7,6 +7,7 @@ from agents.choice import make_policy
 from agents.evaluation import evaluate, play_episode
 from agents.foresight import PATIENCE, ForesightPolicy
 from agents.scripted import ScriptedPolicy
+from envs.observation import COLUMNS
 from envs.resect import ResectEnv
 from envs.task import Resection
 from tests.small_scene import small_scene
@@ -93,13 +94,89 @@ def test_after_a_dead_end_the_policy_is_drawn_from():
     assert policy.n_simulated > len(order), "the best proposals were tried first"
 
 
+class Recorder(Chooser):
+    """Propose the lowest legal action; note of each proposal the cuts before it, whether it was drawn, and what was legal."""
+
+    def __init__(self):
+        super().__init__(())
+        self.asked = []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
+        steps = [column.name for column in COLUMNS["globals"]].index("steps")
+        n_cuts = round(100.0 * float(observation["globals"][steps]))
+        self.asked.append((n_cuts, not deterministic, set(np.flatnonzero(action_masks).tolist())))
+        return super().predict(observation, state, episode_start, deterministic, action_masks)
+
+    @property
+    def first_way(self):
+        """Return how many proposals were made on the first way."""
+        return [is_drawn for _, is_drawn, _ in self.asked].index(True)
+
+
+def plan_of_two_ways():
+    """Return the environment and the guide of a plan that was not found on the first way."""
+    for scene in ResectEnv("box-108", "validation").scenes:
+        env, guide = ResectEnv([scene]), Recorder()
+        env.reset(seed=0)
+        policy = ForesightPolicy("recorder", 500, lambda twin, guide=guide: guide).bind(env)
+        if policy.plan(env, limit=500) and any(is_drawn for _, is_drawn, _ in guide.asked):
+            return env, guide
+    raise AssertionError("no scene is hard enough")
+
+
+def test_what_a_way_had_left_when_it_ended_comes_first_on_the_next_one():
+    env, guide = plan_of_two_ways()
+    n_asked, plan = guide.first_way, set(env.scene.certificate.plan)
+    assert guide.asked[0][2] == plan, "the cheapest cuts alone"
+    way = guide.asked[:n_asked]
+    cut = {min(legal) for (n_cuts, _, legal), (n_after, _, _) in zip(way, way[1:], strict=False) if n_after > n_cuts}
+    assert cut and cut < plan
+    n_cuts, _, legal = guide.asked[n_asked]
+    assert n_cuts == 0 and legal and legal <= plan - cut
+
+
+def test_the_cheapest_cuts_are_looked_at_first():
+    env = ResectEnv("box-108", "validation")
+    episodes = evaluate(make_policy("foresight:500:random", env, 0), env)
+    assert sum(episode.is_success for episode in episodes) >= 0.95 * len(episodes)
+    assert all(episode.cost_ratio == pytest.approx(1.0) for episode in episodes if episode.is_success)
+
+
+def test_ways_pay_only_for_what_they_do_not_share(monkeypatch):
+    walked, taken, kept = {}, [], []
+    save, load, step = ResectEnv.save_state, ResectEnv.load_state, ResectEnv.step
+
+    def save_order(env):
+        kept.append(save(env))
+        walked[id(kept[-1])] = env.__dict__.get("order", ())
+        return kept[-1]
+
+    def load_order(env, state):
+        env.order = walked[id(state)]
+        return load(env, state)
+
+    def note(env, action):
+        env.order = (*env.order, action)
+        taken.append(env.order)
+        return step(env, action)
+
+    for name, method in (("save_state", save_order), ("load_state", load_order), ("step", note)):
+        monkeypatch.setattr(ResectEnv, name, method)
+    env, guide = ResectEnv([ResectEnv("box-108", "validation").scenes[0]]), Recorder()
+    env.reset(seed=0, options={"load_factor": 1.4})
+    policy = ForesightPolicy("recorder", 200, lambda twin: guide).bind(env)
+    assert policy.plan(env, limit=200) == (), "a load that is too much for any order"
+    assert len(set(taken)) == len(taken) == policy.n_simulated
+    assert len(guide.asked) > len(taken) + 10, "what ways share is proposed again"
+
+
 def test_where_no_way_is_found_the_policy_does_what_it_would_have_done():
     env = ResectEnv(small_scene(load=5.0))
     observation, _ = env.reset(seed=0)
     policy = make_policy("foresight:50:min-cut-index", env, 0)
     assert policy.predict(observation)[0] == ScriptedPolicy("min-cut-index").bind(env).predict(observation)[0]
-    # every cut is fatal: the start is a dead end, and no more is spent on it
-    assert policy.n_simulated == PATIENCE
+    # every cut is fatal: the start is a dead end, be it with the cheapest cuts or with all, and no more is spent on it
+    assert policy.n_simulated == 2 * PATIENCE
 
 
 @pytest.mark.parametrize("n_legal", [0, 1, 2])
