@@ -112,8 +112,8 @@ def _reached(results: Results) -> str:
     would = [_would_be_reached(found, wrapper) for wrapper in results.study.wrappers]
     others = (
         " Beside it stands the same figure of the same policies where the simulator is asked before a cut is made: a shield "
-        "tries each cut first, foresight plays whole ways out first, for at most so many simulated steps. No aim counts as "
-        f"reached by that; {', '.join(would)}."
+        "tries each cut first, foresight plays whole ways out first, over the cheapest cuts before others, for at most so many "
+        f"simulated steps. No aim counts as reached by that; {', '.join(would)}."
     )
     return (
         f"{verdicts.count('reached')} of {len(verdicts)} figures aimed at are reached. A figure is the mean over seeds and test "
