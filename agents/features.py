@@ -210,7 +210,7 @@ def _find_centres(observed, row, centres, frame):
         for axis in range(3):
             centres[tet, axis] = 0.0
         for corner in range(4):
-            node = np.uint32(corners[row, tet, corner])
+            node = int(corners[row, tet, corner])
             for axis in range(3):
                 centres[tet, axis] += _QUARTER * (nodes[row, node, POSITION + axis] - nodes[row, node, DISPLACEMENT + axis])
         if tetrahedra[row, tet, IS_TARGET] > 0.0:
@@ -267,7 +267,7 @@ def _fill_side(observed, row, tet, out, start, place_of):
             is_target = tetrahedra[row, neighbour, IS_TARGET] > 0.0
             targets += _QUARTER * is_target
             healthy += _QUARTER * (not is_target)
-        mass += _QUARTER * observed.nodes[row, np.uint32(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
+        mass += _QUARTER * observed.nodes[row, int(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
     out.tetrahedra[place, _TARGETS_BESIDE], out.tetrahedra[place, _HEALTHY_BESIDE] = targets, healthy
     out.tetrahedra[place, _MASS] = mass
 

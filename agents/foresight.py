@@ -8,8 +8,8 @@ The shield looks one step ahead, which comes too late where the fault was made m
 where it shows would take longer than any budget. Here the policy says what is worth trying, and the simulator what holds.
 
 Which cuts are cheapest needs no simulator (envs/optimum.py). So the policy is asked for an order of these alone at first, and
-for whatever it likes once half of the budget is spent, or none of them leads on. What has been walked is remembered: ways pay
-only for what they do not share.
+may choose others as well once half of the budget is spent, or none of these leads on. What has been walked is remembered: ways
+pay only for what they do not share.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ PATIENCE = 4
 
 
 class ForesightPolicy(Planner):
-    """Follow the first way of another policy that frees the target; where none is found in time, do what that policy would."""
+    """Follow the first way of those tried that frees the target; where there is none, do what the other policy would."""
 
     def __init__(self, name: str, budget: int, guide: Callable[[ResectEnv], Policy]) -> None:
         """Take who proposes.
@@ -41,7 +41,8 @@ class ForesightPolicy(Planner):
         Args:
             name: of that policy.
             budget: steps of the simulator in an episode after which nothing more is tried. What a guide spends that simulates
-                itself is counted with them, but no guide is stopped in its thoughts.
+                itself is counted with them, but no guide is stopped in its thoughts. While a plan is made, as
+                many states of the body are kept: half a megabyte each in the liver.
             guide: makes the policy for an environment, of which it may look at the simulator.
         """
         super().__init__(f"foresight:{budget}:{name}", budget)
@@ -81,11 +82,11 @@ class ForesightPolicy(Planner):
     def _descend(self, ways: "_Ways", limit: int) -> Order | None:
         """Follow the guide from the start; return its way where that frees the target."""
         ways.begin()
-        while not ways.give_up():
+        while self.n_simulated < limit and not ways.give_up():
             action = ways.propose()
+            if self.n_simulated >= limit:
+                break
             if not ways.go_where_it_has_been(action):
-                if self.n_simulated >= limit:
-                    break
                 self._trials.n_steps += 1
                 if ways.follow(action):
                     return ways.order
@@ -109,7 +110,7 @@ class _Ways:
         self._reached: dict[Order, EpisodeState] = {(): start}
         """How the body stood after the cuts that have been walked, in their order."""
         self._fatal: dict[frozenset[int], set[int]] = {}
-        """By what has been cut: the cuts after which the body collapses."""
+        """By what has been cut: the cuts that end the episode without freeing the target."""
         self._seen: dict[str, Array] = {}
         self.order: Order = ()
         """What has been cut on the way that is followed now."""

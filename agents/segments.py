@@ -91,7 +91,8 @@ def _find_highest(numbers, offset, found):
             best[lane], found[state, lane] = numbers[offset[state], lane], offset[state]
         for row in range(offset[state] + 1, offset[state + 1]):
             for lane in range(len(best)):
-                if numbers[row, lane] > best[lane]:
+                # What is no number counts as the highest, as it does to numpy.
+                if not numbers[row, lane] <= best[lane] and best[lane] == best[lane]:
                     best[lane], found[state, lane] = numbers[row, lane], row
 
 

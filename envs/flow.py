@@ -38,7 +38,7 @@ def reached_from(source, sink, n_nodes, tails, heads, capacities):
         sink: where the flow goes.
         n_nodes: nodes are numbered from 0.
         tails: where each arc begins, int64 (n_arcs,).
-        heads: where each arc ends, int64 (n_arcs,).
+        heads: where each arc ends, another node than its tail, int64 (n_arcs,).
         capacities: the most that may flow through each, at least 0, int64 (n_arcs,).
     """
     return reached(source, sink, n_nodes, tails, heads, capacities)

@@ -17,10 +17,11 @@ class Chooser:
     """Propose the first legal action of an order that is given, or of one of its own each time it is drawn."""
 
     def __init__(self, best, drawn=()):
-        self.best, self.drawn, self.n_asked = best, drawn, 0
+        self.best, self.drawn, self.n_asked, self.n_drawn = best, drawn, 0, 0
 
     def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
         self.n_asked += 1
+        self.n_drawn += not deterministic
         order = self.best if deterministic or not len(self.drawn) else self.drawn
         mask = observation["action_mask"] if action_masks is None else action_masks
         return next(int(action) for action in [*order, *np.flatnonzero(mask)] if mask[action]), state
@@ -48,7 +49,7 @@ def test_foresight_frees_more_than_the_policy_that_it_looks_ahead_for_and_than_i
     assert freed[guide] < freed[f"shield:{guide}"] < freed[f"foresight:200:{guide}"]
 
 
-def test_where_the_policy_alone_would_do_foresight_does_the_same_for_one_step_a_cut():
+def test_where_the_policys_own_cuts_are_cheapest_and_hold_foresight_does_the_same_for_one_step_a_cut():
     env = level_0(8)
     alone = evaluate(make_policy("rim-first", env, 0), env)
     foreseen = evaluate(make_policy("foresight:100:rim-first", env, 0), env)
@@ -79,12 +80,11 @@ def test_a_certificate_is_seen_to_hold_at_once():
 
 
 def test_after_a_dead_end_the_policy_is_drawn_from():
-    env = level_0(1)
+    # the best proposals are those of lowest id, which lead to a dead end here; the drawn ones are those of the certificate
+    env, _ = plan_of_two_ways()
     order = env.scene.certificate.order
-    observation, _ = env.reset(seed=0, options={"index": 0})
-    # the best proposals tear the body, cut after cut; the drawn ones are those of the certificate
-    torn = [action for action in np.flatnonzero(observation["action_mask"]) if action >= env.task.table.n_faces]
-    guide = Chooser(torn[::-1], order)
+    observation, _ = env.reset(seed=0)
+    guide = Chooser((), order)
     policy = ForesightPolicy("chooser", 500, lambda twin: guide).bind(env)
     info = {}
     while not info.get("reason"):
@@ -92,6 +92,7 @@ def test_after_a_dead_end_the_policy_is_drawn_from():
     assert info["is_success"]
     assert info["cost_ratio"] == pytest.approx(1.0)
     assert policy.n_simulated > len(order), "the best proposals were tried first"
+    assert guide.n_drawn > 0
 
 
 class Recorder(Chooser):
@@ -232,6 +233,28 @@ def test_a_guide_that_simulates_is_counted_and_not_asked_any_more_once_the_budge
     assert policy.plan(env, limit=10) == ()
     assert policy.n_simulated == len(n_steps)
     assert 10 <= policy.n_simulated < 10 + n_plan, "only one thought goes beyond the budget"
+
+
+@pytest.mark.parametrize("budget", [20, 60, 100])
+def test_no_thought_is_begun_once_the_budget_is_spent_however_many_ways_there_were(budget):
+    scenes, begun = ResectEnv("box-108", "validation").scenes, []
+
+    class Thinker(Recorder):
+        n_simulated = 0
+
+        def predict(self, *arguments, **keywords):
+            begun.append(policy.n_simulated)
+            # Each thought costs a step.
+            self.n_simulated += 1
+            return super().predict(*arguments, **keywords)
+
+    for index in range(12):
+        env, guide = ResectEnv([scenes[index]]), Thinker()
+        env.reset(seed=0, options={"load_factor": 1.4})
+        policy = ForesightPolicy("thinker", budget, lambda twin, guide=guide: guide).bind(env)
+        begun.clear()
+        policy.plan(env, limit=budget)
+        assert max(begun) < budget and policy.n_simulated <= budget
 
 
 def test_foresight_of_a_learned_policy_gives_the_same_episodes_again():

@@ -144,6 +144,11 @@ def test_what_is_no_number_is_not_hidden_by_what_meets(rng):
         assert met(*parts, at)[: SMALL[0]].isnan().all()
 
 
+def test_what_is_no_number_counts_as_the_highest():
+    of, rows = segments(np.array([0, 3, 5])), torch.tensor([1.0, np.nan, 2.0, np.nan, 7.0])
+    assert highest(rows, of).tolist() == [1, 3]
+
+
 SMALL = [2, 1, 4]
 """Rows of some states, few enough for differences."""
 SLOPES = {
