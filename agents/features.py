@@ -101,6 +101,7 @@ LOAD_DIRECTION = 0
 _COPIED = 9
 _QUARTER, _OFFSET_SCALE = np.float32(0.25), np.float32(OFFSET_SCALE)
 _MIDDLE, _LOAD, _ANCHORS = range(3)
+"""Rows of a frame, (3, 3): the target's centre [h], and the directions of the load and of the anchors seen from it."""
 _TARGET, _ANCHOR, _STRAIN = (SIDE_FEATURES.index(name) for name in ("target", "anchor", "strain"))
 # Strains come last, or the order of the sides would tell them to a network that is to be blind to them.
 _COMPARED = tuple(sorted(range(N_SIDE), key=lambda column: SIDE_FEATURES[column] in ("strain", "volume ratio")))
@@ -157,7 +158,7 @@ def _gather(observed, is_legal, out):
             if place_of[tet] >= 0:
                 _fill_side(observed, row, tet, out, start, place_of)
                 _locate(out.tetrahedra, start + place_of[tet], _SIDE_PLACE, centres, tet, frame)
-        candidate = out.offset[row]
+        candidate, face_centres = out.offset[row], observed.faces[row, :, CENTROID:]
         for action in range(n_faces):
             if is_legal[row, action]:
                 out.action[candidate] = action
@@ -165,7 +166,7 @@ def _gather(observed, is_legal, out):
                 two = place_of[int(observed.face_tetrahedra[row, action, 1])]
                 _relate(out, candidate, start, one, two)
                 out.features[candidate, 0], out.features[candidate, 1] = 1.0, observed.faces[row, action, AREA]
-                _locate(out.features, candidate, _OWN_PLACE, observed.faces[row, :, CENTROID:], action, frame)
+                _locate(out.features, candidate, _OWN_PLACE, face_centres, action, frame)
                 candidate += 1
         for tet in range(n_tets):
             if is_legal[row, n_faces + tet]:

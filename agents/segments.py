@@ -91,7 +91,7 @@ def _find_highest(numbers, offset, found):
             best[lane], found[state, lane] = numbers[offset[state], lane], offset[state]
         for row in range(offset[state] + 1, offset[state + 1]):
             for lane in range(len(best)):
-                # What is no number counts as the highest, as it does to numpy.
+                # A value that is no number must be seen by whoever looks at the result: it counts as the highest.
                 if not numbers[row, lane] <= best[lane] and best[lane] == best[lane]:
                     best[lane], found[state, lane] = numbers[row, lane], row
 
@@ -135,7 +135,7 @@ class _Meet(torch.autograd.Function):
             torch.empty_like(met), met.new_zeros(len(at.states.length), met.shape[1]),
             *(met.new_zeros(context.n_tetrahedra, met.shape[1]) for _ in range(2)),
         )  # fmt: skip
-        _part(*(each.numpy() for each in (slope.contiguous(), met, *slopes)), at.states.offset, at.sides.numpy())
+        _hand_on(*(each.numpy() for each in (slope.contiguous(), met, *slopes)), at.states.offset, at.sides.numpy())
         return *slopes, None
 
 
@@ -151,7 +151,7 @@ def _meet(own, of_state, first, second, offset, sides):
 
 
 @kernel
-def _part(slope, met, own, of_state, first, second, offset, sides):
+def _hand_on(slope, met, own, of_state, first, second, offset, sides):
     """Hand the slope on to all that were added up; of own it is set, of the others added to."""
     for state in range(len(of_state)):
         for row in range(offset[state], offset[state + 1]):

@@ -60,10 +60,14 @@ class _Terms(NamedTuple):
     sides: Array
     """The two tetrahedra of each face, int32 (n_faces, 2)."""
     is_target: Array
+    """bool (n_tetrahedra,), and is_anchor."""
     is_anchor: Array
     face_price: Array
+    """What it costs to cut each face, (n_faces,)."""
     removal_price: Array
+    """To remove each tetrahedron, (n_tetrahedra,)."""
     loss_price: Array
+    """To lose each, (n_tetrahedra,)."""
 
 
 _KNOWN: WeakKeyDictionary[Scene, tuple[Prices, _Terms]] = WeakKeyDictionary()

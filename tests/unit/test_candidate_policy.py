@@ -206,6 +206,19 @@ def test_what_is_far_away_is_heard_of_within_as_many_rounds_as_it_is_steps_off(e
         assert max(steps[row] for row in torch.nonzero(differs).flatten().tolist()) == rounds
 
 
+def test_the_tetrahedra_of_a_batch_are_numbered_through(env):
+    batch = read_candidates(side_by_side(states(env, n_cuts=3, seed=1)))
+    seen, graph = _prepared(batch)
+    sides, neighbours = [], []
+    for state in range(len(batch.of_state)):
+        start, stop = batch.tetrahedron_offset[state : state + 2]
+        sides += [start + pair for pair in batch.sides[batch.offset[state] : batch.offset[state + 1]]]
+        neighbours += [[start + other for other in four if other >= 0] for four in batch.neighbours[start:stop]]
+    np.testing.assert_array_equal(seen.sides.T, sides)
+    ends = [*graph.first.tolist(), len(graph.neighbours)]
+    assert [graph.neighbours[first:last].tolist() for first, last in zip(ends, ends[1:], strict=False)] == neighbours
+
+
 def graph_of(state):
     """Return who is sewn to whom in a single state."""
     return _prepared(state)[1]

@@ -143,6 +143,33 @@ def test_the_cheapest_cuts_are_looked_at_first():
     assert all(episode.cost_ratio == pytest.approx(1.0) for episode in episodes if episode.is_success)
 
 
+def test_other_cuts_are_allowed_once_half_of_the_budget_is_spent():
+    env, spent = ResectEnv([ResectEnv("box-108", "validation").scenes[0]]), []
+
+    class Watcher(Recorder):
+        def predict(self, *arguments, **keywords):
+            spent.append(policy.n_simulated)
+            return super().predict(*arguments, **keywords)
+
+    env.reset(seed=0, options={"load_factor": 1.4})
+    guide = Watcher()
+    policy = ForesightPolicy("watcher", 60, lambda twin: guide).bind(env)
+    policy.plan(env, limit=60)
+    plan = set(env.scenes[0].certificate.plan)
+    is_free = [not legal <= plan for _, _, legal in guide.asked]
+    assert True in is_free and spent[is_free.index(True)] == 30
+
+
+def test_where_the_cheapest_cuts_lead_nowhere_no_end_of_theirs_is_dead_any_more(monkeypatch):
+    env = level_0(1)
+    order = env.scene.certificate.order
+    env.reset(seed=0, options={"index": 0})
+    # all but the last of them: every way among these ends, and even the start is a dead end
+    monkeypatch.setattr("agents.foresight.cheapest_plan", lambda task: np.array(order[:-1]))
+    policy = ForesightPolicy("chooser", 500, lambda twin: Chooser(order)).bind(env)
+    assert policy.plan(env, limit=500) == order
+
+
 def test_ways_pay_only_for_what_they_do_not_share(monkeypatch):
     walked, taken, kept = {}, [], []
     save, load, step = ResectEnv.save_state, ResectEnv.load_state, ResectEnv.step

@@ -1,4 +1,4 @@
-"""Meshes survive a round trip through files; foreign files are met half-way, broken ones refused with the reason."""
+"""Meshes survive a round trip through files; foreign files are met half-way."""
 
 import os
 import sys
@@ -10,154 +10,8 @@ import pytest
 
 from gmapspring import meshes
 from gmapspring.errors import MeshError
-from gmapspring.mesh import Mesh
 from gmapspring.mesh_files import MeshWarning, read_mesh, write_mesh, write_vtu
-
-GMSH_1 = """$NOD
-6
-1 0 0 0
-2 1 0 0
-30 0 1 0
-4 0 0 1
-5 1 1 1
-9 7 7 7
-$ENDNOD
-$ELM
-4
-1 15 0 0 1 9
-2 2 4 1 3 1 2 30
-3 4 7 1 4 1 2 30 4
-4 4 0 2 4 30 2 4 5
-$ENDELM
-"""
-"""Two tetrahedra, the second wound the other way, and a point and a triangle beside them. Node 9 is on neither."""
-
-GMSH_2 = """$MeshFormat
-2.2 0 8
-$EndMeshFormat
-$PhysicalNames
-3
-2 4 "wall"
-3 7 "whole organ"
-3 8 "tumour"
-$EndPhysicalNames
-$Nodes
-5
-1 0 0 0
-2 1 0 0
-30 0 1 0
-4 0 0 1
-5 1 1 1
-$EndNodes
-$Elements
-5
-1 2 2 4 1 1 2 30
-2 4 2 7 1 1 2 30 4
-3 4 3 7 1 0 2 30 4 5
-4 4 2 8 1 2 30 4 5
-5 15 0 1
-$EndElements
-"""
-"""The second tetrahedron is in two groups, so gmsh writes it twice."""
-
-GMSH_4 = """$MeshFormat
-4.1 0 8
-$EndMeshFormat
-$PhysicalNames
-3
-2 4 "wall"
-3 7 "whole organ"
-3 8 "tumour"
-$EndPhysicalNames
-$Entities
-1 0 1 2
-1 0 0 0 0
-1 0 0 0 1 1 0 1 4 0
-1 0 0 0 1 1 1 1 7 1 1
-2 0 0 0 1 1 1 2 7 -8 0
-$EndEntities
-$Nodes
-2 5 1 30
-2 1 0 3
-1
-2
-30
-0 0 0
-1 0 0
-0 1 0
-3 1 0 2
-4
-5
-0 0 1
-1 1 1
-$EndNodes
-$Elements
-3 3 1 3
-2 1 2 1
-1 1 2 30
-3 1 4 1
-2 1 2 30 4
-3 2 4 1
-3 2 30 4 5
-$EndElements
-"""
-
-VTK_LEGACY = """# vtk DataFile Version 3.0
-by hand
-ASCII
-DATASET UNSTRUCTURED_GRID
-FIELD FieldData 1
-TIME 1 1 double
-0.5
-POINTS 5 float
-0 0 0 1 0 0 0 1 0
-0 0 1 1 1 1
-CELLS 3 14
-3 0 1 2
-4 0 1 2 3
-4 1 2 3 4
-CELL_TYPES 3
-5
-10
-10
-CELL_DATA 3
-SCALARS region:tumour int 1
-LOOKUP_TABLE default
-1
-0
-1
-POINT_DATA 5
-VECTORS velocity float
-0 0 0 0 0 0 0 0 0 0 0 0 0 0 0
-FIELD FieldData 1
-region%3atop 1 5 unsigned_char
-0 0 0 1 1
-METADATA
-INFORMATION 0
-
-"""
-
-MEDIT = """MeshVersionFormatted 2
-Dimension 3
-Vertices
-5
-0 0 0 0
-1 0 0 0
-0 1 0 0
-0 0 1 0
-1 1 1 0
-Triangles
-1
-1 2 3 4
-Tetrahedra
-2
-1 2 3 4 0
-2 3 4 5 6
-End
-"""
-
-TEXTS = {"gmsh 1": (".msh", GMSH_1), "gmsh 2": (".msh", GMSH_2), "gmsh 4": (".msh", GMSH_4),
-         "vtk": (".vtk", VTK_LEGACY), "medit": (".mesh", MEDIT)}  # fmt: skip
+from tests.mesh_texts import GMSH_2, marked_box, quietly, refusal, saved
 
 CORNERS = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]
 
@@ -165,9 +19,7 @@ CORNERS = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]
 @pytest.fixture
 def marked():
     """Return a box with regions."""
-    box = meshes.box((2, 2, 1), 0.1)
-    corner = {"lump & <rest>": np.arange(24) % 3 == 0, "none": np.zeros(24, dtype=bool)}
-    return Mesh(box.points + 1 / 3, box.tetrahedra, corner, {"höhe": box.points[:, 2] > 0.05})
+    return marked_box()
 
 
 def assert_same(first, second):
@@ -177,29 +29,6 @@ def assert_same(first, second):
         ours, theirs = getattr(first, name), getattr(second, name)
         assert ours.keys() == theirs.keys()
         assert all(np.array_equal(ours[region], theirs[region]) for region in ours)
-
-
-def saved(folder, kind):
-    """Write one of the texts to a file and return its path."""
-    ending, text = TEXTS[kind]
-    path = folder / f"mesh{ending}"
-    path.write_text(text)
-    return path
-
-
-def quietly(path):
-    """Read a mesh without its warnings."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)
-        return read_mesh(path)
-
-
-def refusal(path):
-    """Return the message of the error that a file is refused with; it names the file."""
-    with pytest.raises(MeshError) as caught:
-        quietly(path)
-    assert str(path) in str(caught.value)
-    return str(caught.value)
 
 
 def test_a_mesh_comes_back_from_its_file_to_the_last_bit(marked, tmp_path):
@@ -381,125 +210,6 @@ def test_other_solids_are_ignored_aloud(tmp_path):
     (tmp_path / "mesh.msh").write_text(text)
     with pytest.warns(MeshWarning, match="not linear tetrahedra: 1 pyramids"):
         assert read_mesh(tmp_path / "mesh.msh").n_tetrahedra == 2
-
-
-def test_a_mesh_with_no_tetrahedra_is_refused_with_what_it_has(tmp_path):
-    path = tmp_path / "surface.msh"
-    text = GMSH_2.replace("2 4 2 7 1 1 2 30 4", "2 2 2 7 1 1 2 30")
-    path.write_text(text.replace("\n3 4 3", "\n3 3 3").replace("\n4 4", "\n4 3"))
-    assert "no linear tetrahedra in it (no solid cells)" in refusal(path)
-
-
-@pytest.mark.parametrize("ending", [".msh", ".vtk", ".vtu", ".mesh"])
-def test_files_that_are_no_meshes_are_refused(tmp_path, ending):
-    path = tmp_path / f"mesh{ending}"
-    assert "No such file" in refusal(path)
-    path.mkdir()
-    assert "Is a directory" in refusal(path)
-    path.rmdir()
-    path.write_bytes(b"")
-    assert "empty" in refusal(path)
-    for content in (b"\n", b"hello\n", np.random.default_rng(1).bytes(5000), b"\x00" * 100, "é".encode("latin-1")):
-        path.write_bytes(content)
-        refusal(path)
-
-
-@pytest.mark.parametrize("name", ["mesh.stl", "mesh", "mesh.vtu.gz"])
-def test_other_endings_are_refused(tmp_path, name):
-    (tmp_path / name).write_text(MEDIT)
-    assert ".msh, .vtu, .vtk, .mesh" in refusal(tmp_path / name)
-
-
-@pytest.mark.parametrize("kind", [*TEXTS, "vtu"])
-def test_a_truncated_file_is_refused_wherever_it_ends(tmp_path, marked, kind):
-    """Cut after the last number that counts, it may still be read, but then as the whole mesh."""
-    if kind == "medit":
-        pytest.importorskip("meshio")
-    if kind == "vtu":
-        path = tmp_path / "mesh.vtu"
-        write_mesh(path, marked)
-    else:
-        path = saved(tmp_path, kind)
-    whole, content = quietly(path), path.read_bytes()
-    n_refused = 0
-    ends = range(0, len(content), 1 + len(content) // 300)
-    for end in ends:
-        path.write_bytes(content[:end])
-        try:
-            mesh = quietly(path)
-        except MeshError:
-            n_refused += 1
-        else:
-            assert np.array_equal(mesh.tetrahedra, whole.tetrahedra)
-    # A legacy VTK file names no end: cut before its fields, it is a smaller but sound file.
-    assert n_refused > (0.6 if kind == "vtk" else 0.95) * len(ends)
-
-
-@pytest.mark.parametrize("kind", [*TEXTS, "gmsh 2 binary", "gmsh 4 binary", "vtk binary", "vtu"])
-def test_a_damaged_file_never_raises_anything_else(tmp_path, marked, kind):
-    """Whatever bytes are changed, the outcome is a mesh or a `MeshError`."""
-    rng = np.random.default_rng(7)
-    if "binary" in kind or kind == "medit":
-        meshio = pytest.importorskip("meshio")
-    if "binary" in kind:
-        file_format = {"gmsh 2 binary": "gmsh22", "gmsh 4 binary": "gmsh", "vtk binary": "vtk42"}[kind]
-        path = tmp_path / ("mesh.vtk" if "vtk" in kind else "mesh.msh")
-        meshio.write(path, meshio.Mesh(marked.points, [("tetra", marked.tetrahedra)]), file_format=file_format, binary=True)
-    elif kind == "vtu":
-        path = tmp_path / "mesh.vtu"
-        write_mesh(path, marked)
-    else:
-        path = saved(tmp_path, kind)
-    content = np.frombuffer(path.read_bytes(), np.uint8)
-    for _ in range(60):
-        damaged = content.copy()
-        damaged[rng.integers(len(content), size=rng.integers(1, 4))] = rng.integers(256)
-        path.write_bytes(damaged.tobytes())
-        try:
-            quietly(path)
-        except MeshError as error:
-            assert str(path) in str(error)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ("\n30 0 1 0", "\n2 0 1 0", "two nodes have the number 2"),
-        ("1 2 30 4\n3", "1 2 31 4\n3", "refers to node 31"),
-        ("1 2 30 4\n3", "1 2 30\n3", "has 3 nodes; it needs 4"),
-        ("2 4 2 7", "2 99 2 7", "kind 99"),
-        ("$Elements\n5", "$Elements\n6", "announces 6 elements and has 5"),
-        ("$Nodes\n5", "$Nodes\n6", "ends too early"),
-        ("2.2 0 8", "4.0 0 8", "format 4.0 is not supported"),
-        ("30 0 1 0", "30 0 nan 0", "point 2 is not finite"),
-        ("30 0 1 0", "30 0 1 0 0", "not `number x y z`"),
-        ("30 0 1 0", "30.5 0 1 0", "not `number x y z`"),
-        ("$Nodes\n5", "$Nodes\n5.5", "must be whole"),
-        ("4 4 2 8 1 2 30 4 5", "4 4 2 7 1 2 30 4 5", "on the same nodes"),
-        ("5 1 1 1", "5 1 0 0", "tetrahedron 1 (corners [1, 2, 3, 4]) is flat"),
-    ],
-)
-def test_a_faulty_gmsh_file_is_refused_with_its_fault(tmp_path, old, new, reason):
-    assert old in GMSH_2
-    path = tmp_path / "mesh.msh"
-    path.write_text(GMSH_2.replace(old, new, 1))
-    assert reason in refusal(path)
-
-
-def test_a_medit_file_without_meshio_names_the_way_out(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "meshio", None)
-    assert "pip install gmapspring[mesh]" in refusal(saved(tmp_path, "medit"))
-
-
-def test_meshio_cannot_end_the_process(tmp_path, monkeypatch):
-    meshio = pytest.importorskip("meshio")
-
-    def end(*_, **__):
-        print("Error: no such thing", file=sys.stderr)
-        sys.exit(1)
-
-    monkeypatch.setattr(meshio, "read", end)
-    assert "Error: no such thing" in refusal(saved(tmp_path, "medit"))
 
 
 @pytest.mark.parametrize("kind", ["gmsh 1", "gmsh 2", "gmsh 4", "vtk"])
