@@ -8,15 +8,16 @@ To renumber tetrahedra or faces permutes the logits and nothing else, to turn or
 all, and a mesh may have any size.
 """
 
-from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from agents.features import N_OWN, N_SIDE, OWN_FEATURES, SIDE_FEATURES
-from agents.segments import Graph, Meeting, Segments, highest, log_softmax, meet, messages, spread, total
+from agents.layers import Graph, Meeting, exchange, meet, score
+from agents.segments import Segments, highest, log_softmax, spread, total
 from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
 
@@ -96,30 +97,37 @@ class CandidateNetwork(nn.Module):
         offset = seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]
         context, centres = self._context(known, offset, seen.of_state * sees_state, of.tetrahedra)
         away = seen.features[:, None, OFFSET : OFFSET + 3] - spread(centres, of.candidates).unflatten(1, (-1, 3))
-        # In place: new memory costs as much as the sum.
-        own = linear(seen.features, self.of_candidate.weight * sees_candidate, self.of_candidate.bias)
-        own = own.add_(self.from_distance(away.square().sum(2)))
-        first, second = (layer(known) for layer in self.of_sides)
-        joined = meet(own, self.from_context(context), first, second, Meeting(of.candidates, seen.sides))
-        joined = self.encoder(joined).relu_()
-        return log_softmax(self.logit(joined).flatten(), of.candidates), self.value(self.value_encoder(context)).flatten()
+        own = linear(seen.features, self.of_candidate.weight * sees_candidate)
+        own = own.addmm_(away.square().sum(2), self.from_distance.weight.t())
+        # What is added to all candidates of a state is added to the state: there are fewer of them.
+        state = self.from_context(context) + self.of_candidate.bias
+        met = meet(own, state, _together(known, self.of_sides), Meeting(of.candidates, seen.sides))
+        logit = score(linear(met, self.encoder.weight), self.encoder.bias, self.logit.weight[0]) + self.logit.bias
+        return log_softmax(logit, of.candidates), self.value(self.value_encoder(context)).flatten()
 
     def _known(self, tetrahedra: Tensor, graph: Graph) -> Tensor:
         """Return what is known of each tetrahedron after all messages, (n_tetrahedra, hidden)."""
         # What is hidden is left out by the weights: to clear it in what is seen would take longer.
         known = linear(tetrahedra, self.embedding.weight * self._sees[1], self.embedding.bias).relu_()
         for own, sent in zip(self.own, self.sent, strict=True):
-            known = known + own(known).add_(messages(sent(known), graph)).relu_()
+            bias: Any = own.bias
+            known = exchange(known, _together(known, (own, sent)), bias, graph)
         return known
 
     def _context(self, known: Tensor, offset: Tensor, of_state: Tensor, of: Segments) -> tuple[Tensor, Tensor]:
         """Return what is known of each state, (n_states, hidden), and where its weighted means lie, (n_states, heads * 3)."""
         mean, maximum = total(known, of) / of.length[:, None], known.gather(0, highest(known, of))
-        weight = log_softmax(self.weight(known), of).exp()
-        said = torch.cat([self.said(known), offset], 1)
+        weight, said = _together(known, (self.weight, self.said)).split([self.weight.out_features, SAID], 1)
+        weight = log_softmax(weight + self.weight.bias, of).exp()
+        said = torch.cat([said + self.said.bias, offset], 1)
         heard = total((weight[:, :, None] * said[:, None]).flatten(1), of).unflatten(1, (weight.shape[1], -1))
         context = self.context(torch.cat([mean, maximum, heard[:, :, :SAID].flatten(1), of_state], 1))
         return context, heard[:, :, SAID:].flatten(1)
+
+
+def _together(rows: Tensor, layers: Iterable[Any]) -> Tensor:
+    """Return what linear layers make of the same rows, side by side and without their biases: one large product is fast."""
+    return linear(rows, torch.cat([layer.weight for layer in layers]))
 
 
 def _without(hidden: Collection[str], names: Sequence[str]) -> Tensor:

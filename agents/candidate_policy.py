@@ -10,7 +10,8 @@ from torch import Tensor
 
 from agents.candidate_network import CandidateNetwork, Owners, Seen
 from agents.features import Candidates, Observed, gather_candidates
-from agents.segments import Graph, Segments, highest, segments, total
+from agents.layers import Graph
+from agents.segments import Segments, highest, segments, total
 from agents.training_config import NetworkSettings
 from gmapspring.jit import kernel
 
@@ -88,17 +89,17 @@ class CandidatePolicy(MaskableActorCriticPolicy):
 def _prepared(candidates: Candidates) -> tuple[Seen, Graph]:
     """Return what the network takes: rows of a state's own tetrahedra become rows of all."""
     n_candidates, n_tetrahedra = len(candidates.sides), len(candidates.neighbours)
-    sides, first = np.empty((2, n_candidates), np.int64), np.empty(n_tetrahedra, np.int64)
+    sides, offset = np.empty((2, n_candidates), np.int64), np.zeros(n_tetrahedra + 1, np.int64)
     neighbours = np.empty(candidates.neighbours.size, np.int64)
-    n_neighbours = _renumber(candidates, sides, neighbours, first)
+    _renumber(candidates, sides, neighbours, offset)
     arrays = candidates.features, sides, candidates.tetrahedra, candidates.of_state
-    graph = Graph(torch.from_numpy(neighbours[:n_neighbours]), torch.from_numpy(first))
+    graph = Graph(torch.from_numpy(neighbours[: offset[-1]]), torch.from_numpy(offset))
     return Seen(*map(torch.from_numpy, arrays)), graph
 
 
 @kernel
-def _renumber(candidates, sides, neighbours, first):
-    """Write sides and neighbours as rows of all tetrahedra, and where each one's neighbours begin; return how many there are."""
+def _renumber(candidates, sides, neighbours, offset):
+    """Write sides and neighbours as rows of all tetrahedra, and where each one's neighbours end."""
     n_neighbours = 0
     for state in range(len(candidates.offset) - 1):
         start = candidates.tetrahedron_offset[state]
@@ -106,12 +107,11 @@ def _renumber(candidates, sides, neighbours, first):
             for side in range(2):
                 sides[side, candidate] = start + candidates.sides[candidate, side]
         for tet in range(start, candidates.tetrahedron_offset[state + 1]):
-            first[tet] = n_neighbours
             for corner in range(4):
                 if candidates.neighbours[tet, corner] >= 0:
                     neighbours[n_neighbours] = start + candidates.neighbours[tet, corner]
                     n_neighbours += 1
-    return n_neighbours
+            offset[tet + 1] = n_neighbours
 
 
 def read_candidates(obs: Any, action_masks: Any = None) -> Candidates:

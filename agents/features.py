@@ -143,42 +143,26 @@ def _count_shown(face_tetrahedra, is_legal, n_shown):
 @kernel
 def _gather(observed, is_legal, out):
     """Fill all but the offsets and the globals, one observation after the other."""
-    n_faces, n_tets = observed.faces.shape[1], observed.tetrahedra.shape[1]
+    n_tets = observed.tetrahedra.shape[1]
     centres, frame = np.empty((n_tets, 3), np.float32), np.empty((3, 3), np.float32)
     place_of = np.empty(n_tets, np.int32)
     for row in range(is_legal.shape[0]):
-        start = out.tetrahedron_offset[row]
         if _place_shown(observed.face_tetrahedra[row], is_legal[row], place_of) == 0:
-            _clear(out.tetrahedra[start])
-            for corner in range(4):
-                out.neighbours[start, corner] = -1
+            _show_nothing(out, row)
+            continue
         _find_centres(observed, row, centres, frame)
         _find_ways(observed, row, centres, frame)
+        _fill_sides(observed, row, place_of, out)
         for tet in range(n_tets):
             if place_of[tet] >= 0:
-                _fill_side(observed, row, tet, out, start, place_of)
-                _locate(out.tetrahedra, start + place_of[tet], _SIDE_PLACE, centres, tet, frame)
-        candidate, face_centres = out.offset[row], observed.faces[row, :, CENTROID:]
-        for action in range(n_faces):
-            if is_legal[row, action]:
-                out.action[candidate] = action
-                one = place_of[int(observed.face_tetrahedra[row, action, 0])]
-                two = place_of[int(observed.face_tetrahedra[row, action, 1])]
-                _relate(out, candidate, start, one, two)
-                out.features[candidate, 0], out.features[candidate, 1] = 1.0, observed.faces[row, action, AREA]
-                _locate(out.features, candidate, _OWN_PLACE, face_centres, action, frame)
-                candidate += 1
-        for tet in range(n_tets):
-            if is_legal[row, n_faces + tet]:
-                out.action[candidate] = n_faces + tet
-                _relate(out, candidate, start, place_of[tet], place_of[tet])
-                out.features[candidate, 0], out.features[candidate, 1] = 0.0, 0.0
-                _locate(out.features, candidate, _OWN_PLACE, centres, tet, frame)
-                candidate += 1
-        if candidate == out.offset[row]:
-            out.action[candidate] = 0
-            _clear(out.features[candidate])
-            _clear(out.sides[candidate])
+                _locate(out.tetrahedra, out.tetrahedron_offset[row] + place_of[tet], _SIDE_PLACE, centres, tet, frame)
+        _fill_candidates(observed, row, is_legal[row], place_of, out)
+        for candidate in range(out.offset[row], out.offset[row + 1]):
+            action = out.action[candidate]
+            if action < observed.faces.shape[1]:
+                _locate(out.features, candidate, _OWN_PLACE, observed.faces[row, :, CENTROID:], action, frame)
+            else:
+                _locate(out.features, candidate, _OWN_PLACE, centres, action - observed.faces.shape[1], frame)
 
 
 @part
@@ -254,47 +238,82 @@ def _locate(rows, place, column, centres, number, frame):
 
 
 @part
-def _fill_side(observed, row, tet, out, start, place_of):
-    """Fill what a tetrahedron shows, but for where it lies, and which of those that are shown it is sewn to."""
-    tetrahedra, place = observed.tetrahedra, start + place_of[tet]
-    for column in range(_COPIED):
-        out.tetrahedra[place, column] = tetrahedra[row, tet, IS_TARGET + column]
-    targets, healthy, mass = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for corner in range(4):
-        neighbour = int(observed.tetrahedron_neighbours[row, tet, corner])
-        out.neighbours[place, corner] = -1
-        if neighbour >= 0:
-            out.neighbours[place, corner] = place_of[neighbour]
-            is_target = tetrahedra[row, neighbour, IS_TARGET] > 0.0
-            targets += _QUARTER * is_target
-            healthy += _QUARTER * (not is_target)
-        mass += _QUARTER * observed.nodes[row, int(observed.tetrahedron_nodes[row, tet, corner]), NODE_MASS]
-    out.tetrahedra[place, _TARGETS_BESIDE], out.tetrahedra[place, _HEALTHY_BESIDE] = targets, healthy
-    out.tetrahedra[place, _MASS] = mass
+def _fill_sides(observed, row, place_of, out):
+    """Fill what the tetrahedra show, but for where they lie, and which of those that are shown each is sewn to."""
+    # Taken out of their tuples once: for every tetrahedron anew it would take longer than all the rest.
+    tetrahedra, nodes, tetrahedron_nodes = observed.tetrahedra[row], observed.nodes[row], observed.tetrahedron_nodes[row]
+    across, neighbours, shown = observed.tetrahedron_neighbours[row], out.neighbours, out.tetrahedra
+    for tet in range(len(place_of)):
+        if place_of[tet] < 0:
+            continue
+        place = out.tetrahedron_offset[row] + place_of[tet]
+        for column in range(_COPIED):
+            shown[place, column] = tetrahedra[tet, IS_TARGET + column]
+        targets, healthy, mass = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for corner in range(4):
+            neighbour = int(across[tet, corner])
+            neighbours[place, corner] = -1
+            if neighbour >= 0:
+                neighbours[place, corner] = place_of[neighbour]
+                is_target = tetrahedra[neighbour, IS_TARGET] > 0.0
+                targets += _QUARTER * is_target
+                healthy += _QUARTER * (not is_target)
+            mass += _QUARTER * nodes[int(tetrahedron_nodes[tet, corner]), NODE_MASS]
+        shown[place, _TARGETS_BESIDE], shown[place, _HEALTHY_BESIDE], shown[place, _MASS] = targets, healthy, mass
 
 
 @part
-def _relate(out, candidate, start, one, two):
-    """Write both sides, the higher row first, and what follows from the two together."""
-    sides = out.tetrahedra
+def _fill_candidates(observed, row, is_legal, place_of, out):
+    """Fill what the legal actions of an observation are and show, but for where they lie."""
+    faces, face_tetrahedra = observed.faces[row], observed.face_tetrahedra[row]
+    actions, own, sides, shown = out.action, out.features, out.sides, out.tetrahedra[out.tetrahedron_offset[row] :]
+    n_faces, candidate = len(faces), out.offset[row]
+    for action in range(n_faces):
+        if is_legal[action]:
+            one, two = place_of[int(face_tetrahedra[action, 0])], place_of[int(face_tetrahedra[action, 1])]
+            if _is_higher(shown, two, one):
+                one, two = two, one
+            actions[candidate], sides[candidate, 0], sides[candidate, 1] = action, one, two
+            own[candidate, 0], own[candidate, 1] = 1.0, faces[action, AREA]
+            _relate(own, candidate, shown, one, two)
+            candidate += 1
+    for tet in range(len(place_of)):
+        if is_legal[n_faces + tet]:
+            place = place_of[tet]
+            actions[candidate], sides[candidate, 0], sides[candidate, 1] = n_faces + tet, place, place
+            own[candidate, 0], own[candidate, 1] = 0.0, 0.0
+            _relate(own, candidate, shown, place, place)
+            candidate += 1
+
+
+@part
+def _is_higher(shown, one, other):
+    """Return whether one side is shown before another: by the first column in which they differ."""
     for column in _COMPARED:
-        rise = sides[start + two, column] - sides[start + one, column]
-        if rise > 0.0:
-            one, two = two, one
-        if rise != 0.0:
-            break
-    out.sides[candidate, 0], out.sides[candidate, 1] = one, two
-    one, two = start + one, start + two
-    first, second = sides[one, _TARGET], sides[two, _TARGET]
-    own = out.features
+        if shown[one, column] != shown[other, column]:
+            return shown[one, column] > shown[other, column]
+    return False
+
+
+@part
+def _relate(own, candidate, shown, one, two):
+    """Write what follows from the two sides of a candidate together."""
+    first, second = shown[one, _TARGET], shown[two, _TARGET]
     own[candidate, 2] = first * second
     own[candidate, 3] = abs(first - second)
-    own[candidate, 4] = max(sides[one, _ANCHOR], sides[two, _ANCHOR])
-    own[candidate, 5] = max(sides[one, _STRAIN] * (1 - first), sides[two, _STRAIN] * (1 - second))
+    own[candidate, 4] = max(shown[one, _ANCHOR], shown[two, _ANCHOR])
+    own[candidate, 5] = max(shown[one, _STRAIN] * (1 - first), shown[two, _STRAIN] * (1 - second))
 
 
 @part
-def _clear(numbers):
-    """Set all to zero: to assign to a slice takes seconds to compile."""
-    for place in range(len(numbers)):
-        numbers[place] = 0
+def _show_nothing(out, row):
+    """Fill a state without a legal action: one candidate all the same, action 0, of one tetrahedron."""
+    candidate, place = out.offset[row], out.tetrahedron_offset[row]
+    out.action[candidate], out.sides[candidate, 0], out.sides[candidate, 1] = 0, 0, 0
+    # Column by column: to assign to a slice takes seconds to compile.
+    for column in range(N_OWN):
+        out.features[candidate, column] = 0.0
+    for column in range(N_SIDE):
+        out.tetrahedra[place, column] = 0.0
+    for corner in range(4):
+        out.neighbours[place, corner] = -1

@@ -45,6 +45,19 @@ class MinimumCut(NamedTuple):
     """Whether it is proven that no cheaper way exists; else the cost is an upper bound, seldom far off."""
 
 
+class MinimumCuts(NamedTuple):
+    """The same of several bodies of one mesh size, as masks."""
+
+    is_part: Array
+    """Actions of each, bool (k, n_actions)."""
+    is_lost: Array
+    """Healthy tetrahedra that come loose, bool (k, n_tetrahedra)."""
+    is_possible: Array
+    """Whether there is a way at all, bool (k,)."""
+    is_exact: Array
+    """Whether it is proven that no cheaper way exists, bool (k,)."""
+
+
 class Prices(NamedTuple):
     """What the cuts of a scene cost."""
 
@@ -54,23 +67,23 @@ class Prices(NamedTuple):
     """Each tetrahedron that comes loose, shape (n_tetrahedra,)."""
 
 
-class _Terms(NamedTuple):
-    """What kernels need of a scene; a price that is infinite forbids."""
+class Terms(NamedTuple):
+    """What kernels need of the scenes of several bodies; a price that is infinite forbids."""
 
     sides: Array
-    """The two tetrahedra of each face, int32 (n_faces, 2)."""
+    """The two tetrahedra of each face, int32 (k, n_faces, 2)."""
     is_target: Array
-    """bool (n_tetrahedra,), and is_anchor."""
+    """bool (k, n_tetrahedra), and is_anchor."""
     is_anchor: Array
     face_price: Array
-    """What it costs to cut each face, (n_faces,)."""
+    """What it costs to cut each face, (k, n_faces)."""
     removal_price: Array
-    """To remove each tetrahedron, (n_tetrahedra,)."""
+    """To remove each tetrahedron, (k, n_tetrahedra)."""
     loss_price: Array
-    """To lose each, (n_tetrahedra,)."""
+    """To lose each, (k, n_tetrahedra)."""
 
 
-_KNOWN: WeakKeyDictionary[Scene, tuple[Prices, _Terms]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Scene, tuple[Prices, Terms]] = WeakKeyDictionary()
 
 
 def prices_of(scene: Scene, table: ActionTable) -> Prices:
@@ -78,7 +91,12 @@ def prices_of(scene: Scene, table: ActionTable) -> Prices:
     return _known(scene, table)[0]
 
 
-def _known(scene: Scene, table: ActionTable) -> tuple[Prices, _Terms]:
+def terms_of(scene: Scene, table: ActionTable) -> Terms:
+    """Return the terms of one scene, k = 1; they are the same however far it has been cut."""
+    return _known(scene, table)[1]
+
+
+def _known(scene: Scene, table: ActionTable) -> tuple[Prices, Terms]:
     """Return what stays the same while a scene is played."""
     if scene not in _KNOWN:
         actions = np.concatenate([face_costs(table.face_area, scene.spacing), tetrahedron_costs(table.volume, scene.spacing)])
@@ -87,12 +105,12 @@ def _known(scene: Scene, table: ActionTable) -> tuple[Prices, _Terms]:
             array.flags.writeable = False
         # No price is high enough to lay open a vessel.
         face_price, removal_price = np.split(np.where(touching_actions(table, scene.vessel), np.inf, actions), [table.n_faces])
-        # Copies, all writable: kernels are compiled for one kind of array.
-        terms = _Terms(
-            np.array(table.face_tetrahedra, np.int32), np.array(scene.target), np.array(scene.anchor), face_price.copy(),
-            removal_price.copy(), np.where(scene.vessel, np.inf, prices.losses),
+        terms = (
+            table.face_tetrahedra.astype(np.int32), scene.target, scene.anchor, face_price, removal_price,
+            np.where(scene.vessel, np.inf, prices.losses),
         )  # fmt: skip
-        _KNOWN[scene] = prices, terms
+        # Copies, all writable: kernels are compiled for one kind of array.
+        _KNOWN[scene] = prices, Terms(*(np.array(part)[None] for part in terms))
     return _KNOWN[scene]
 
 
@@ -106,18 +124,43 @@ def minimum_cut(scene: Scene, table: ActionTable, is_attached: Array | None = No
         is_sewn: interior faces that are not cut, bool (n_faces,); all, if not given.
     """
     prices, terms = _known(scene, table)
-    attached = np.ones(table.n_tetrahedra, bool) if is_attached is None else np.array(is_attached, bool)
-    sewn = np.ones(table.n_faces, bool) if is_sewn is None else np.array(is_sewn, bool)
-    is_done, is_lost = np.zeros(table.n_actions, bool), np.zeros(table.n_tetrahedra, bool)
-    is_possible, is_exact = _find_cut(terms, attached, sewn, is_done, is_lost)
-    if not is_possible:
-        return MinimumCut(np.zeros(0, np.int64), np.inf, is_lost, is_exact)
-    actions = np.flatnonzero(is_done)
-    return MinimumCut(actions, float(prices.actions[actions].sum() + prices.losses[is_lost].sum()), is_lost, is_exact)
+    attached = np.ones(table.n_tetrahedra, bool) if is_attached is None else np.asarray(is_attached, bool)
+    sewn = np.ones(table.n_faces, bool) if is_sewn is None else np.asarray(is_sewn, bool)
+    (is_part,), (is_lost,), (is_possible,), (is_exact,) = minimum_cuts(terms, attached[None], sewn[None])
+    actions = np.flatnonzero(is_part)
+    cost = float(prices.actions[actions].sum() + prices.losses[is_lost].sum()) if is_possible else np.inf
+    return MinimumCut(actions, cost, is_lost, bool(is_exact))
+
+
+def minimum_cuts(terms: Terms, is_attached: Array, is_sewn: Array) -> MinimumCuts:
+    """Return the cheapest cuts that free the targets of several bodies, in any state.
+
+    Args:
+        terms: of their scenes.
+        is_attached: tetrahedra that hang on an anchor, bool (k, n_tetrahedra).
+        is_sewn: interior faces that are not cut, bool (k, n_faces).
+    """
+    (k, n_tets), n_faces = is_attached.shape, is_sewn.shape[1]
+    found = MinimumCuts(np.zeros((k, n_faces + n_tets), bool), np.zeros((k, n_tets), bool), np.zeros(k, bool), np.zeros(k, bool))
+    _find_cuts(terms, np.ascontiguousarray(is_attached), np.array(is_sewn), found)
+    return found
 
 
 @kernel
-def _find_cut(terms, is_attached, is_sewn, is_done, is_lost):
+def _find_cuts(terms, is_attached, is_sewn, found):
+    """Fill in the cheapest cuts of all bodies, one after the other."""
+    for body in range(len(is_attached)):
+        own = Terms(
+            terms.sides[body], terms.is_target[body], terms.is_anchor[body],
+            terms.face_price[body], terms.removal_price[body], terms.loss_price[body],
+        )  # fmt: skip
+        found.is_possible[body], found.is_exact[body] = _find_cut(
+            own, is_attached[body], is_sewn[body], found.is_part[body], found.is_lost[body]
+        )
+
+
+@part
+def _find_cut(terms, is_attached, is_sewn, is_part, is_lost):
     """Mark the actions of the cheapest cut and the healthy tetrahedra lost by it; return (is there one, is it exact)."""
     n_faces, n_tets = len(terms.sides), len(is_attached)
     for face in range(n_faces):
@@ -141,9 +184,9 @@ def _find_cut(terms, is_attached, is_sewn, is_done, is_lost):
         off = off | islands
     for face in range(n_faces):
         one, other = terms.sides[face]
-        is_done[face] = is_sewn[face] and comes_off[one] != comes_off[other] and not (is_removed[one] or is_removed[other])
+        is_part[face] = is_sewn[face] and comes_off[one] != comes_off[other] and not (is_removed[one] or is_removed[other])
     for tet in range(n_tets):
-        is_done[n_faces + tet] = is_removed[tet]
+        is_part[n_faces + tet] = is_removed[tet]
         is_lost[tet] = comes_off[tet] and not terms.is_target[tet]
     return True, is_exact
 

@@ -215,8 +215,9 @@ def test_the_tetrahedra_of_a_batch_are_numbered_through(env):
         sides += [start + pair for pair in batch.sides[batch.offset[state] : batch.offset[state + 1]]]
         neighbours += [[start + other for other in four if other >= 0] for four in batch.neighbours[start:stop]]
     np.testing.assert_array_equal(seen.sides.T, sides)
-    ends = [*graph.first.tolist(), len(graph.neighbours)]
+    ends = graph.offset.tolist()
     assert [graph.neighbours[first:last].tolist() for first, last in zip(ends, ends[1:], strict=False)] == neighbours
+    assert ends[-1] == len(graph.neighbours)
 
 
 def graph_of(state):

@@ -1,11 +1,11 @@
-"""Sums, maxima and softmax over segments, and messages between neighbours: values and slopes of a loop."""
+"""Sums, maxima and softmax over segments: values and slopes of a loop."""
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from agents.segments import Graph, Meeting, highest, log_softmax, meet, messages, segments, spread, total  # noqa: E402
+from agents.segments import highest, log_softmax, segments, spread, total  # noqa: E402
 
 COUNTS = [3, 1, 40, 7]
 """Rows of some states."""
@@ -69,81 +69,6 @@ def test_what_is_done_to_segments_has_the_value_and_the_slope_of_a_loop(fast, sl
     compare(lambda rows: fast(rows, of), lambda rows: slow(rows, own), numbers)
 
 
-def random_graph(rng, n_rows=30, n_links=45):
-    """Return a symmetric graph some of whose rows, the last among them, have no neighbour, and its matrix."""
-    matrix = np.zeros((n_rows, n_rows), dtype=bool)
-    pairs = rng.choice(n_rows - 1, size=(n_links, 2))
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = True
-    matrix[[4, 5]] = matrix[:, [4, 5]] = False
-    return graph_of(matrix), torch.tensor(matrix)
-
-
-def graph_of(matrix):
-    """Return the graph whose links a symmetric matrix tells."""
-    counts = matrix.sum(axis=1)
-    return Graph(torch.tensor(np.nonzero(matrix)[1]), torch.tensor(np.cumsum(counts) - counts))
-
-
-def test_messages_are_half_the_product_with_the_matrix_of_links(rng):
-    graph, matrix = random_graph(rng)
-    assert not matrix[-1].any() and matrix.any()
-    numbers = torch.tensor(rng.normal(size=(len(matrix), 5)), dtype=torch.float32)
-    compare(lambda rows: messages(rows, graph), lambda rows: 0.5 * (matrix.float() @ rows), numbers)
-
-
-def test_rows_without_any_link_hear_nothing():
-    graph = graph_of(np.zeros((3, 3), dtype=bool))
-    compare(lambda rows: messages(rows, graph), lambda rows: 0.0 * rows, torch.ones(3, 4))
-
-
-def meeting(rng, counts, n_tetrahedra):
-    """Return where the candidates of some states meet, with sides drawn at random, some of them shared."""
-    return Meeting(segments(np.append(0, np.cumsum(counts))), torch.tensor(rng.integers(0, n_tetrahedra, (2, sum(counts)))))
-
-
-def meeting_parts(rng, counts, n_tetrahedra, dtype):
-    """Return numbers of candidates, states and both kinds of sides, to be differentiated."""
-    shapes = [(sum(counts), 3), (len(counts), 3), (n_tetrahedra, 3), (n_tetrahedra, 3)]
-    return [torch.tensor(rng.normal(size=shape), dtype=dtype, requires_grad=True) for shape in shapes]
-
-
-def met(own, state, first, second, at):
-    """Return what meets; a copy of own is overwritten."""
-    return meet(1.0 * own, state, first, second, at)
-
-
-def slow_met(own, state, first, second, at):
-    """Return the same, one candidate after the other."""
-    rows = zip(own, at.states.state_of, *at.sides, strict=True)
-    return torch.stack([(row + state[of] + first[one] + second[two]).clamp_min(0.0) for row, of, one, two in rows])
-
-
-def test_what_meets_has_the_value_and_the_slopes_of_a_loop(rng):
-    at, parts = meeting(rng, COUNTS, 20), meeting_parts(rng, COUNTS, 20, torch.float32)
-    twins = [[part.detach().clone().requires_grad_() for part in parts] for _ in range(2)]
-    found, expected = met(*twins[0], at), slow_met(*twins[1], at)
-    assert 0.2 < (expected == 0.0).float().mean() < 0.8
-    weight = torch.randn(expected.shape, generator=torch.Generator().manual_seed(0))
-    for result in (found, expected):
-        (weight * result).sum().backward()
-    torch.testing.assert_close(found, expected)
-    for one, other in zip(*twins, strict=True):
-        torch.testing.assert_close(one.grad, other.grad, atol=1e-5, rtol=1e-5)
-
-
-def test_slopes_of_what_meets_are_those_of_small_differences(rng):
-    at, parts = meeting(rng, SMALL, 4), meeting_parts(rng, SMALL, 4, torch.float64)
-    assert torch.autograd.gradcheck(lambda *given: met(*given, at), parts)
-
-
-def test_what_is_no_number_is_not_hidden_by_what_meets(rng):
-    at, parts = meeting(rng, SMALL, 4), meeting_parts(rng, SMALL, 4, torch.float32)
-    with torch.no_grad():
-        parts[1][0] = np.nan
-        assert met(*parts, at)[: SMALL[0]].isnan().all()
-
-
 def test_what_is_no_number_counts_as_the_highest():
     of, rows = segments(np.array([0, 3, 5])), torch.tensor([1.0, np.nan, 2.0, np.nan, 7.0])
     assert highest(rows, of).tolist() == [1, 3]
@@ -164,9 +89,3 @@ def test_slopes_are_those_of_small_differences(function, shape, rng):
     of = segments(np.append(0, np.cumsum(SMALL)))
     numbers = torch.tensor(rng.normal(size=shape), requires_grad=True)
     assert torch.autograd.gradcheck(lambda rows: function(rows, of), (numbers,))
-
-
-def test_slopes_of_messages_are_those_of_small_differences(rng):
-    graph, matrix = random_graph(rng, n_rows=8, n_links=9)
-    numbers = torch.tensor(rng.normal(size=(len(matrix), 2)), requires_grad=True)
-    assert torch.autograd.gradcheck(lambda rows: messages(rows, graph), (numbers,))
