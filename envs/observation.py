@@ -124,11 +124,11 @@ class Observer:
 
     def __init__(self, space: spaces.Dict) -> None:
         """Keep the shapes of the arrays in a space."""
-        self._kinds = [(box.shape or (), box.dtype or np.float32) for box in space.values()]
+        self._kinds = [(box.shape or (), np.dtype(box.dtype or np.float32)) for box in space.values()]
 
     def room_for(self, n: int) -> Observation:
         """Return arrays for n observations, side by side, not set to anything."""
-        return Observation(*(np.empty((n, *shape), dtype) for shape, dtype in self._kinds))
+        return Observation._make([np.empty((n, *shape), dtype) for shape, dtype in self._kinds])
 
 
 def one_of(observations: Observation, place: int) -> dict[str, Array]:

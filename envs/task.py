@@ -206,8 +206,8 @@ class Resection:
     @property
     def tissue(self) -> Tissue:
         """Return what was measured when the body last settled."""
-        numbers = self.play.numbers[HEALTHY_STRAIN: TARGET_VOLUME + 1].tolist()
-        return Tissue._make((*numbers, *(self.play.whole[[IS_FINITE, IS_TOUCHED]] != 0).tolist()))
+        numbers, whole = self.play.numbers[HEALTHY_STRAIN : TARGET_VOLUME + 1].tolist(), self.play.whole
+        return Tissue._make((*numbers, bool(whole[IS_FINITE]), bool(whole[IS_TOUCHED])))
 
     @property
     def healthy_share(self) -> float:
