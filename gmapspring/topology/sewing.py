@@ -22,6 +22,7 @@ from gmapspring.topology.components import join_components, relabel_components
 from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS, IS_EVEN
 from gmapspring.topology.gmap import EDGE, VERTEX, GMap, check_sewable, link_faces
 from gmapspring.topology.room import clear, empty_room, take, take_pairs
+from gmapspring.topology.walks import fetch_around
 
 
 class CellChanges(NamedTuple):
@@ -105,6 +106,8 @@ def unsew_faces(gmap, room, slots, removed):
     clear(room)
     n_vertices = gmap.counts[0]
     n_edges = gmap.counts[1]
+    for tetrahedron in removed:
+        fetch_around(gmap, tetrahedron)
     left_edges = forget_removed(room, gmap.edge_of, gmap.edge_dart, removed)
     left_vertices = forget_removed(room, gmap.vertex_of, gmap.vertex_dart, removed)
     opened = open_faces(gmap, room, slots, removed)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gmapspring.jit import part
+from gmapspring.prefetch import prefetch
 from gmapspring.topology.darts import (
     ACROSS,
     ALPHA2,
@@ -31,6 +32,17 @@ def next_stamp(gmap):
 
 
 @part
+def fetch_around(gmap, tetrahedron):
+    """Prefetch the numbers of a tetrahedron's cells, and what walks read of the tetrahedra beyond its faces."""
+    prefetch(gmap.vertex_of, tetrahedron)
+    prefetch(gmap.edge_of, tetrahedron)
+    for face in range(4):
+        beyond = np.uint64(neighbour(gmap.image, tetrahedron, face)) >> TWO
+        prefetch(gmap.image, beyond)
+        prefetch(gmap.mark, beyond)
+
+
+@part
 def walk_vertex(gmap, tetrahedron, corner, found):
     """Find the corners of one vertex; fill found with 4*tetrahedron + corner and return how many."""
     image, mark = gmap.image, gmap.mark
@@ -44,10 +56,13 @@ def walk_vertex(gmap, tetrahedron, corner, found):
         here = np.uint64(found[np.uint64(i)]) >> TWO
         at = np.uint64(found[np.uint64(i)]) & THREE
         i += 1
+        prefetch(gmap.vertex_of, here)  # which whoever walks reads next
+        prefetch(gmap.edge_of, here)
         for j in range(3):
             face = np.uint64(CORNER_FACES[at, np.uint64(j)])
             first = np.uint64(image[here, face])
             there = first // TWENTY_FOUR
+            prefetch(image, there)
             # Noted in any case and kept if it is new: there is no telling which, so a branch would be mispredicted.
             place = np.uint64(min(n_found, last))
             is_known = mark[there] == stamp
@@ -74,6 +89,7 @@ def walk_edge(gmap, tetrahedron, edge, found):
                 break  # a free face
             if there == np.uint64(tetrahedron):
                 return n_found
+            fetch_around(gmap, there)  # cuts walk round edges first: what lies beyond is in the stars of their ends
             across = np.uint64(ACROSS[first - there * TWENTY_FOUR, local - face * SIX])
             found[n_found] = 6 * np.int64(there) + EDGE_OF_DART[across]
             n_found += 1

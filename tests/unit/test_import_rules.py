@@ -26,7 +26,7 @@ CUTTING = {"gmapspring." + name for name in ("cut", "embedding")}
 """What changes map and mechanics together."""
 SHELLS = {"gmapspring." + name for name in ("body", "simulation")}
 """What holds the two beside each other."""
-BOTTOM = {"gmapspring." + name for name in ("addresses", "errors", "jit")}
+BOTTOM = {"gmapspring." + name for name in ("addresses", "errors", "jit", "prefetch")}
 """What the map may import besides itself."""
 
 
