@@ -22,7 +22,7 @@ import numpy as np
 from gmapspring.body import Body, read_body
 from gmapspring.embedding import embed, merge_nodes
 from gmapspring.errors import TopologyError
-from gmapspring.jit import kernel, part
+from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.snapshot import load_arrays, save_arrays
 from gmapspring.topology.gmap import check_sewable, neighbour
 from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold
@@ -247,7 +247,7 @@ def cut_kernel(table, row, real, pairs, tetrahedra):
     return write_journal(cut_part(body, ascending(slots, 4 * n_tets), ascending(tetrahedra, n_tets)))
 
 
-@part
+@inlined_part
 def cut_part(body, slots, removed):
     """Cut the map, then bring the mechanics in line; slots 4*tetrahedron + face and tetrahedra are ascending, each once."""
     change = unsew_faces(body.gmap, body.room, slots, removed)
@@ -284,7 +284,7 @@ def sew_kernel(table, row, real, dart_a, dart_b):
     return write_journal(change)
 
 
-@part
+@inlined_part
 def write_journal(change):
     """Write a change into one array, since each array that a kernel returns costs microseconds: sizes first, then all parts."""
     vertices, edges = change.vertices, change.edges

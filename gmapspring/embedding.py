@@ -7,7 +7,7 @@ masses and stiffnesses of one that was built cut.
 import numpy as np
 
 from gmapspring.body import read_body
-from gmapspring.jit import kernel, part
+from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.quad import load, store
 from gmapspring.topology.darts import CORNER_EDGES, EDGE_CORNERS, EDGE_OF_DART
 from gmapspring.topology.gmap import N_EDGES, N_VERTICES, SIX, THREE, TWENTY_FOUR, TWO, VERTEX
@@ -132,7 +132,7 @@ def merge_nodes(nodes, kept, gone):
     nodes.is_pinned[kept] |= nodes.is_pinned[gone]
 
 
-@part
+@inlined_part
 def embed(gmap, matter, vertices, edges):
     """Bring nodes and springs in line with a map that has been settled and compacted.
 

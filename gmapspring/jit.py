@@ -71,9 +71,9 @@ def is_to_be_compiled(dispatcher: Any) -> bool:
     return isinstance(cache, KernelCache) and not dispatcher.signatures and cache.is_empty
 
 
-def part(function: Callable[..., Any]) -> Any:
+def part(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function that only kernels call: it is optimised within each of them, and not on its own."""
-    dispatcher: Any = _compile(function, no_cpython_wrapper=True, pipeline_class=_PartCompiler, **OPTIONS)
+    dispatcher: Any = _compile(function, no_cpython_wrapper=True, pipeline_class=_PartCompiler, **OPTIONS, **options)
     if not _settings.DISABLE_JIT:
 
         def refuse(*arguments: Any, **keywords: Any) -> None:
@@ -83,6 +83,14 @@ def part(function: Callable[..., Any]) -> Any:
         dispatcher._compile_for_args = refuse
         dispatcher.add_overload = lambda result: dispatcher.overloads.update({tuple(result.signature.args): result})
     return dispatcher
+
+
+def inlined_part(function: Callable[..., Any]) -> Any:
+    """Compile a part that is put whole wherever it is called.
+
+    For one with few callers that hands over structures of many arrays: a call would copy a hundred numbers each way.
+    """
+    return part(function, forceinline=True)
 
 
 class _PartCompiler(Compiler):

@@ -6,7 +6,7 @@ import numpy as np
 
 from gmapspring.addresses import address_row
 from gmapspring.errors import TopologyError
-from gmapspring.jit import kernel, part
+from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.topology.build import ANY, read_gmap
 from gmapspring.topology.cells import (
     compact_cells,
@@ -100,7 +100,7 @@ def unsew_kernel(table, row, real, room, slots):
     unsew_faces(read_gmap(table, row, real), room, slots, slots[:0])
 
 
-@part
+@inlined_part
 def unsew_faces(gmap, room, slots, removed):
     """Unlink faces and remove tetrahedra, then settle all splits once. Slots and removed are ascending."""
     clear(room)
@@ -150,7 +150,7 @@ def sew_faces(gmap, room, dart, other):
     return change, vertices.pairs
 
 
-@part
+@inlined_part
 def follow(room, settled, copied, first_joined, moved, n_before):
     """Express what settling did in the numbers after the moves; cells from first_joined on gained corners of others."""
     final_copied = copied

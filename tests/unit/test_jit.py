@@ -2,16 +2,18 @@
 
 
 import gc
+import math
 import os
 import subprocess
 import sys
 
 import numba
+import numpy as np
 import pytest
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 
-from gmapspring.jit import kernel, part
+from gmapspring.jit import inlined_part, kernel, part
 
 
 def test_kernels_follow_ieee_arithmetic():
@@ -85,6 +87,29 @@ def test_a_part_becomes_machine_code_only_within_the_kernels_that_call_it(monkey
     assert both(3) == 36
     (library,) = emitted
     assert any("both" in function.name for function in library.get_defined_functions())
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
+@pytest.mark.parametrize("decorator, is_called", [(part, True), (inlined_part, False)])
+def test_an_inlined_part_is_put_whole_into_the_kernels_that_call_it(decorator, is_called):
+    @decorator
+    def long_sum(values):
+        total = np.zeros(3)
+        for x in values:
+            for y in values:
+                total[0] += x / y
+                for z in values:
+                    total[1] += x * y / z
+                    total[2] += math.sin(x) * math.cos(y) * math.tan(z)
+        return total[0] + total[1] * total[2]
+
+    @numba.njit
+    def both(values):
+        return long_sum(values) + long_sum(2.0 * values)
+
+    both(np.ones(2))
+    defined = [line for line in both.inspect_llvm(both.signatures[0]).splitlines() if line.startswith("define")]
+    assert any("long_sum" in line for line in defined) == is_called
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is switched off")
