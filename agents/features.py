@@ -157,12 +157,13 @@ def _gather(observed, is_legal, out):
             if place_of[tet] >= 0:
                 _locate(out.tetrahedra, out.tetrahedron_offset[row] + place_of[tet], _SIDE_PLACE, centres, tet, frame)
         _fill_candidates(observed, row, is_legal[row], place_of, out)
+        own, face_centres = out.features, observed.faces[row, :, CENTROID:]
         for candidate in range(out.offset[row], out.offset[row + 1]):
             action = out.action[candidate]
-            if action < observed.faces.shape[1]:
-                _locate(out.features, candidate, _OWN_PLACE, observed.faces[row, :, CENTROID:], action, frame)
+            if action < len(face_centres):
+                _locate(own, candidate, _OWN_PLACE, face_centres, action, frame)
             else:
-                _locate(out.features, candidate, _OWN_PLACE, centres, action - observed.faces.shape[1], frame)
+                _locate(own, candidate, _OWN_PLACE, centres, action - len(face_centres), frame)
 
 
 @part

@@ -12,7 +12,7 @@ _NEVER, _LARGEST = 2**31 - 1, 2**25
 def keep_freed_memory() -> None:
     """Keep what is freed for what is needed next, where the C library can be told so: glibc's, on Linux.
 
-    A gradient step makes and drops some fifty tensors of a few megabytes. Left alone, glibc gives most of them back to the
+    A gradient step makes and drops dozens of tensors of a few megabytes. Left alone, glibc gives most of them back to the
     system, which clears every page before it hands it out again: a tenth of the time of a gradient step.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None

@@ -41,8 +41,7 @@ def address_row(structure: Any) -> np.ndarray:
     for array in leaves(structure):
         if not array.flags.c_contiguous:
             raise ValueError(f"an array of shape {array.shape} is not contiguous: kernels cannot reach it by its address")
-        # The same as array.ctypes.data, in a fifth of the time.
-        entries += [array.__array_interface__["data"][0], len(array)]
+        entries += [array.ctypes.data, len(array)]
     return np.array(entries, dtype=np.int64)
 
 

@@ -2,7 +2,7 @@
 
     prefetch(array, i)                       # the start of row i
 
-A cut reads some hundred rows at random places. In a large body each comes from memory, which takes as long as hundreds of
+A cut reads dozens of rows at random places. In a large body each comes from memory, which takes as long as hundreds of
 operations, and where the place of one row is read from another they would come one after the other; rows that are named in
 advance come side by side. It is a hint that changes no result, and any number will do for a row.
 """

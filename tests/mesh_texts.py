@@ -10,6 +10,15 @@ from gmapspring.errors import MeshError
 from gmapspring.mesh import Mesh
 from gmapspring.mesh_files import MeshWarning, read_mesh
 
+GROUPS = """$PhysicalNames
+3
+2 4 "wall"
+3 7 "whole organ"
+3 8 "tumour"
+$EndPhysicalNames
+"""
+"""How both later versions of the format name groups of elements."""
+
 GMSH_1 = """$NOD
 6
 1 0 0 0
@@ -32,13 +41,7 @@ $ENDELM
 GMSH_2 = """$MeshFormat
 2.2 0 8
 $EndMeshFormat
-$PhysicalNames
-3
-2 4 "wall"
-3 7 "whole organ"
-3 8 "tumour"
-$EndPhysicalNames
-$Nodes
+""" + GROUPS + """$Nodes
 5
 1 0 0 0
 2 1 0 0
@@ -60,13 +63,7 @@ $EndElements
 GMSH_4 = """$MeshFormat
 4.1 0 8
 $EndMeshFormat
-$PhysicalNames
-3
-2 4 "wall"
-3 7 "whole organ"
-3 8 "tumour"
-$EndPhysicalNames
-$Entities
+""" + GROUPS + """$Entities
 1 0 1 2
 1 0 0 0 0
 1 0 0 0 1 1 0 1 4 0
