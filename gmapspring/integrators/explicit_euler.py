@@ -6,7 +6,7 @@ stable step. Source: E. Hairer, S. Norsett, G. Wanner, "Solving Ordinary Differe
 
 import numpy as np
 
-from gmapspring.forces import sum_forces
+from gmapspring.forces import finish_forces, start_force, start_forces
 from gmapspring.integrators.integrator import Integrator, Limits, begin, end, next_substeps
 from gmapspring.jit import kernel, part
 from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
@@ -34,12 +34,14 @@ def take_substeps(matter, step, n_substeps):
     """Take n_substeps: kick with the forces at the old state, and drift with the old velocity."""
     nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
     state, force = nodes.state, nodes.force
+    start_forces(nodes, n_nodes, state, force)
     for _ in range(n_substeps):
-        sum_forces(nodes, springs, n_nodes, n_springs, state, force)
+        finish_forces(nodes, springs, n_nodes, n_springs, state, force)
         for i in range(n_nodes):
             velocity = load(state, i, 4)
             store(state, i, 0, load(state, i, 0) + step * velocity)
             store(state, i, 4, velocity + (step * nodes.inverse_mass[i]) * load(force, i, 0))
+            start_force(nodes, i, state, force)
 
 
 def stable_step(limits: Limits) -> float:

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gmapspring.forces import sum_forces
 from gmapspring.jit import part
-from gmapspring.matter import N_NODES
+from gmapspring.matter import N_NODES, N_SPRINGS
 from gmapspring.quad import load, store
 
 
@@ -78,6 +79,8 @@ def next_substeps(matter, n_taken, n_substeps, step, tolerance):
 def motion_ahead(matter, seconds):
     """Return how far the fastest node can come in so many seconds at its velocity and its acceleration [m]."""
     nodes = matter.nodes
+    # What a scheme leaves in the forces are not those of the state.
+    sum_forces(nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS], nodes.state, nodes.force)
     farthest = 0.0
     for i in range(matter.counts[N_NODES]):
         velocity, acceleration = 0.0, 0.0

@@ -6,7 +6,7 @@ region: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996
 
 import numpy as np
 
-from gmapspring.forces import sum_forces
+from gmapspring.forces import finish_forces, start_force, start_forces
 from gmapspring.integrators.integrator import Integrator, Limits, begin, end, next_substeps
 from gmapspring.jit import kernel, part
 from gmapspring.matter import N_NODES, N_SPRINGS, read_matter
@@ -40,21 +40,22 @@ def advance(table, rows, real, steps, n_substeps, tolerances, taken):
 
 @part
 def take_substeps(matter, step, n_substeps):
-    """Take n_substeps of four stages each."""
+    """Take n_substeps of four stages each; whatever moves the nodes starts the forces of the stage to come."""
     nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
     state, force = nodes.state, nodes.force
     stage, total = matter.work[:n_nodes], matter.work[n_nodes: 2 * n_nodes]  # the stage's state, and the weighted sum so far
     scalar = state.dtype.type
     half, third, sixth = scalar(step / scalar(2)), scalar(step / scalar(3)), scalar(step / scalar(6))
+    start_forces(nodes, n_nodes, state, force)
     for _ in range(n_substeps):
-        sum_forces(nodes, springs, n_nodes, n_springs, state, force)
+        finish_forces(nodes, springs, n_nodes, n_springs, state, force)
         first_stage(nodes, n_nodes, stage, total, half, sixth)
-        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
-        middle_stage(nodes, n_nodes, stage, total, half, third)
-        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
-        middle_stage(nodes, n_nodes, stage, total, step, third)
-        sum_forces(nodes, springs, n_nodes, n_springs, stage, force)
-        last_stage(nodes, n_nodes, stage, total, sixth)
+        finish_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        second_stage(nodes, n_nodes, stage, total, half, third)
+        finish_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        third_stage(nodes, n_nodes, stage, total, step, third, sixth)
+        finish_forces(nodes, springs, n_nodes, n_springs, stage, force)
+        fourth_stage(nodes, n_nodes, sixth)
 
 
 @part
@@ -68,10 +69,11 @@ def first_stage(nodes, n_nodes, stage, total, reach, weight):
         store(total, i, 4, velocity + weight * acceleration)
         store(stage, i, 0, position + reach * velocity)
         store(stage, i, 4, velocity + reach * acceleration)
+        start_force(nodes, i, stage, force)
 
 
 @part
-def middle_stage(nodes, n_nodes, stage, total, reach, weight):
+def second_stage(nodes, n_nodes, stage, total, reach, weight):
     """Add the stage's slope to the sum, and set the next stage reach [s] along it."""
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
     for i in range(n_nodes):
@@ -80,15 +82,33 @@ def middle_stage(nodes, n_nodes, stage, total, reach, weight):
         store(total, i, 4, load(total, i, 4) + weight * acceleration)
         store(stage, i, 0, load(state, i, 0) + reach * velocity)
         store(stage, i, 4, load(state, i, 4) + reach * acceleration)
+        start_force(nodes, i, stage, force)
 
 
 @part
-def last_stage(nodes, n_nodes, stage, total, weight):
-    """Set the state to the sum and the last slope."""
+def third_stage(nodes, n_nodes, stage, total, reach, weight, last_weight):
+    """Set the next stage reach [s] along the slope, and the state to the sum of all slopes but the last stage's acceleration.
+
+    The last stage's velocity is known before its forces are.
+    """
     state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
     for i in range(n_nodes):
-        store(state, i, 0, load(total, i, 0) + weight * load(stage, i, 4))
-        store(state, i, 4, load(total, i, 4) + weight * (inverse_mass[i] * load(force, i, 0)))
+        velocity, acceleration = load(stage, i, 4), inverse_mass[i] * load(force, i, 0)
+        last_velocity = load(state, i, 4) + reach * acceleration
+        store(stage, i, 0, load(state, i, 0) + reach * velocity)
+        store(stage, i, 4, last_velocity)
+        store(state, i, 0, (load(total, i, 0) + weight * velocity) + last_weight * last_velocity)
+        store(state, i, 4, load(total, i, 4) + weight * acceleration)
+        start_force(nodes, i, stage, force)
+
+
+@part
+def fourth_stage(nodes, n_nodes, weight):
+    """Add the last acceleration to the state."""
+    state, force, inverse_mass = nodes.state, nodes.force, nodes.inverse_mass
+    for i in range(n_nodes):
+        store(state, i, 4, load(state, i, 4) + weight * (inverse_mass[i] * load(force, i, 0)))
+        start_force(nodes, i, state, force)
 
 
 def stable_step(limits: Limits) -> float:
