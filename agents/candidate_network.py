@@ -27,6 +27,8 @@ OFFSET, SIDE_OFFSET = OWN_FEATURES.index("offset x"), SIDE_FEATURES.index("offse
 """Where a cut and a tetrahedron say where they lie."""
 SAID = 8
 """Numbers of each tetrahedron that go into a weighted mean, beside where it lies."""
+WHOLE = 16
+"""Products of so many columns are fast: the library takes twice as long for 9 as for 16."""
 STRAINED = ("highest healthy strain", "strain", "volume ratio", "healthy_strain", "target_strain", "lowest_volume_ratio")
 """What tells how strained the body is, among the features and the globals."""
 
@@ -117,7 +119,10 @@ class CandidateNetwork(nn.Module):
     def _context(self, known: Tensor, offset: Tensor, of_state: Tensor, of: Segments) -> tuple[Tensor, Tensor]:
         """Return what is known of each state, (n_states, hidden), and where its weighted means lie, (n_states, heads * 3)."""
         mean, maximum = total(known, of) / of.length[:, None], known.gather(0, highest(known, of))
-        weight, said = _together(known, (self.weight, self.said)).split([self.weight.out_features, SAID], 1)
+        n_heads = self.weight.out_features
+        filling = known.new_zeros(-(n_heads + SAID) % WHOLE, known.shape[1])
+        both = linear(known, torch.cat([self.weight.weight, self.said.weight, filling]))
+        weight, said, _ = both.split([n_heads, SAID, len(filling)], 1)
         weight = log_softmax(weight + self.weight.bias, of).exp()
         said = torch.cat([said + self.said.bias, offset], 1)
         heard = total((weight[:, :, None] * said[:, None]).flatten(1), of).unflatten(1, (weight.shape[1], -1))

@@ -1,39 +1,89 @@
 """The labels of components, kept true while the body falls apart or is sewn again: topology alone."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from gmapspring.jit import part
-from gmapspring.topology.gmap import N_LABELS
+from gmapspring.topology.darts import FACE_CORNERS
+from gmapspring.topology.gmap import N_LABELS, neighbour
 from gmapspring.topology.room import take
-from gmapspring.topology.walks import sort, walk_component, walk_smaller_side
+from gmapspring.topology.walks import next_stamps, sort, walk_component, walk_smaller_side
+
+MANY = 8
+"""To walk through the whole body is faster where it may have come apart at more than every so-many-th of its tetrahedra."""
+
+
+class Suspects(NamedTuple):
+    """Sides of faces at which the body may have come apart: those that were opened and have no corner in common any longer.
+
+    Two unions of them: those that hang together, as far as their vertices tell, and those that hung together before.
+    """
+
+    tetrahedra: np.ndarray
+    """The two sides of each face one after the other, (2 k,)."""
+    piece: np.ndarray
+    """Another one that shares a vertex with it, or itself; see `root`."""
+    cause: np.ndarray
+    """Another one that was connected to it by what has been opened or removed, or that hangs together with it, or itself."""
 
 
 @part
-def seeds_of_pieces(gmap, room, opened):
-    """Pick live tetrahedra beside freed faces, one from each set that hangs together by shared vertices."""
-    seeds = take(room, len(opened))
-    n_seeds = np.int64(0)
-    for slot in opened:
-        if gmap.component_of[slot >> 2] >= 0:
-            seeds[n_seeds] = slot >> 2
-            n_seeds += 1
-    group = take(room, n_seeds)
-    for i in range(n_seeds):
-        group[i] = i
-    keys = take(room, 4 * n_seeds)  # vertex first, then seed: sorted, the seeds at one vertex are neighbours
-    for i in range(n_seeds):
-        for corner in range(4):
-            keys[4 * i + corner] = gmap.vertex_of[seeds[i], corner] * n_seeds + i
+def find_suspects(gmap, room, opened):
+    """Find the suspects among the sides of opened faces."""
+    tetrahedra = take(room, len(opened))
+    n = np.int64(0)
+    for i in range(0, len(opened), 2):
+        if not meet_at_corner(gmap, opened[i], opened[i + 1]):
+            tetrahedra[n], tetrahedra[n + 1] = opened[i] >> 2, opened[i + 1] >> 2
+            n += 2
+    piece, cause = take(room, n), take(room, n)
+    for i in range(n):
+        piece[i], cause[i] = i, i & -2
+        if follows_itself(tetrahedra, i):
+            cause[i] = cause[i - 2]
+    return Suspects(tetrahedra[:n], piece, cause)
+
+
+@part
+def follows_itself(tetrahedra, i):
+    """Return whether suspect i is the first side of a face of the tetrahedron that the last face was of, as when it is removed."""
+    return i % 2 == 0 and i >= 2 and tetrahedra[i] == tetrahedra[i - 2]
+
+
+@part
+def meet_at_corner(gmap, slot, other):
+    """Return whether the two sides of an opened face have a vertex in common; what is removed has none."""
+    for corner in FACE_CORNERS[slot & 3]:
+        vertex = gmap.vertex_of[slot >> 2, corner]
+        for across in FACE_CORNERS[other & 3]:
+            if vertex >= 0 and gmap.vertex_of[other >> 2, across] == vertex:
+                return True
+    return False
+
+
+@part
+def unite_suspects(gmap, room, suspects):
+    """Unite those that share a vertex; those that are of the same removed tetrahedron have been connected by it."""
+    tetrahedra, n_vertices = suspects.tetrahedra, 4 * len(gmap.component_of)
+    n, n_keys = len(tetrahedra), 0
+    keys = take(room, 4 * n)  # vertex first, then suspect: sorted, those at one vertex are neighbours
+    for i in range(n):
+        if gmap.component_of[tetrahedra[i]] < 0:
+            if not follows_itself(tetrahedra, i):
+                keys[n_keys] = (n_vertices + tetrahedra[i]) * n + i
+                n_keys += 1
+        else:
+            for corner in range(4):
+                keys[n_keys] = gmap.vertex_of[tetrahedra[i], corner] * n + i
+                n_keys += 1
+    keys = keys[:n_keys]
     sort(keys)
-    for j in range(1, len(keys)):
-        if keys[j] // n_seeds == keys[j - 1] // n_seeds:
-            unite(group, keys[j] % n_seeds, keys[j - 1] % n_seeds)
-    n_sets = np.int64(0)
-    for i in range(n_seeds):
-        if group[i] == i:
-            seeds[n_sets] = seeds[i]
-            n_sets += 1
-    return seeds[:n_sets]
+    for k in range(1, n_keys):
+        if keys[k] // n == keys[k - 1] // n:
+            unite(suspects.cause, keys[k] % n, keys[k - 1] % n)
+            if keys[k] // n < n_vertices:
+                unite(suspects.piece, keys[k] % n, keys[k - 1] % n)
 
 
 @part
@@ -57,36 +107,167 @@ def unite(group, i, j):
 def relabel_components(gmap, room, opened):
     """Give a new label to each piece that has come off its component; return the new labels.
 
-    Tetrahedra that share a vertex are in one component, so most cuts need no search: a face must have lost all three corners.
+    opened: slots that became free, the two sides of a face one after the other.
+
+    Where all suspects with one cause still hang together, every old way has a way round; those with different causes, which may
+    lie far apart, need not be asked whether they hang together. But where a piece that came off has suspects with two causes,
+    what it has held together may have come apart too: the two causes become one, and are asked again.
     """
-    if 8 * len(opened) > len(gmap.component_of):
+    suspects = find_suspects(gmap, room, opened)
+    if MANY * len(suspects.tetrahedra) > len(gmap.component_of):
         return relabel_all(gmap, room)
-    seeds = seeds_of_pieces(gmap, room, opened)
+    unite_suspects(gmap, room, suspects)
+    first_label, is_open = gmap.counts[N_LABELS], len(suspects.tetrahedra) > 0
+    while is_open:
+        part_causes(gmap, room, suspects)
+        is_open = gmap.counts[N_LABELS] > first_label and unite_causes(gmap, room, suspects, first_label)
+    labels = take(room, gmap.counts[N_LABELS] - first_label)
+    for i in range(len(labels)):
+        labels[i] = first_label + i
+    return labels
+
+
+@part
+def part_causes(gmap, room, suspects):
+    """Give a new label to each piece but one of those that were held together by one cause and have one label."""
+    n, n_labels = len(suspects.tetrahedra), gmap.counts[N_LABELS]
+    keys = take(room, n)  # cause first, then label, then suspect
+    n_seeds = np.int64(0)
+    for i in range(n):
+        tetrahedron = suspects.tetrahedra[i]
+        if suspects.piece[i] == i and gmap.component_of[tetrahedron] >= 0:
+            keys[n_seeds] = (root(suspects.cause, i) * n_labels + gmap.component_of[tetrahedron]) * n + i
+            n_seeds += 1
+    sort(keys[:n_seeds])
+    seeds = take(room, n_seeds)
+    n_together = np.int64(0)
+    for k in range(n_seeds):
+        seeds[n_together] = suspects.tetrahedra[keys[k] % n]
+        # What has come off by now, by another cause, has a label of its own already.
+        n_together += gmap.component_of[seeds[n_together]] == keys[k] // n % n_labels
+        if k + 1 == n_seeds or keys[k + 1] // n != keys[k] // n:
+            if n_together > 1:
+                relabel_ended(gmap, walk_apart(gmap, room, seeds[:n_together]))
+            n_together = np.int64(0)
+
+
+@part
+def relabel_ended(gmap, pieces):
+    """Give a new label to each piece of which there is a tetrahedron."""
+    for piece in pieces:
+        for member in gmap.queue[: walk_component(gmap, piece, gmap.queue)]:
+            gmap.component_of[member] = gmap.counts[N_LABELS]
+        gmap.counts[N_LABELS] += 1
+
+
+@part
+def unite_causes(gmap, room, suspects, first_label):
+    """Unite the causes of suspects in one piece that came off; return whether some were not one already."""
+    n = len(suspects.tetrahedra)
+    keys = take(room, n)  # label first, then suspect
+    n_keys, has_united = np.int64(0), False
+    for i in range(n):
+        if gmap.component_of[suspects.tetrahedra[i]] >= first_label:
+            keys[n_keys] = gmap.component_of[suspects.tetrahedra[i]] * n + i
+            n_keys += 1
+    sort(keys[:n_keys])
+    for k in range(1, n_keys):
+        one, other = keys[k] % n, keys[k - 1] % n
+        if keys[k] // n == keys[k - 1] // n and root(suspects.cause, one) != root(suspects.cause, other):
+            unite(suspects.cause, one, other)
+            has_united = True
+    return has_united
+
+
+class Walks(NamedTuple):
+    """Walks through the body, one from each of some tetrahedra; walks that have met are one.
+
+    What they find stands in the queue, in the order in which it is found.
+    """
+
+    group: np.ndarray
+    """The walk that each has become part of, or itself; see `root`."""
+    head: np.ndarray
+    """Place in the queue of what each goes on from next, -1 where there is nothing left: it has ended."""
+    tail: np.ndarray
+    """Place of the last that it will go on from."""
+
+
+@part
+def walk_apart(gmap, room, seeds):
+    """Walk from tetrahedra of one component in turn, until all walks but one have met another or ended.
+
+    Returns the seeds of those that ended: one of each piece but a last one, the largest or nearly so. The cost is that of the
+    pieces that came off and of the ways on which others meet, not of the body.
+    """
     n_seeds = len(seeds)
-    if n_seeds < 2:
-        return seeds[:0]
-    keys = take(room, n_seeds)  # old label first, then seed
+    walks = Walks(take(room, n_seeds), take(room, n_seeds), take(room, n_seeds))
+    turn, ended, following = take(room, n_seeds), take(room, n_seeds), take(room, 64 + n_seeds)
+    first_stamp = next_stamps(gmap, n_seeds)
     for i in range(n_seeds):
-        keys[i] = gmap.component_of[seeds[i]] * n_seeds + i
-    sort(keys)
-    labels = take(room, n_seeds)
-    n_labels = np.int64(0)
-    reference = np.int64(-1)
-    reference_label = np.int64(-1)
-    for key in keys:
-        seed = seeds[key % n_seeds]
-        if key // n_seeds != reference_label:
-            reference, reference_label = seed, key // n_seeds
-        elif gmap.component_of[seed] == reference_label:
-            n_found, at_back = walk_smaller_side(gmap, reference, seed)
-            if n_found > 0:
-                labels[n_labels] = gmap.counts[N_LABELS]
-                relabel_found(gmap, n_found, at_back, labels[n_labels])
-                gmap.counts[N_LABELS] += 1
-                n_labels += 1
-                if not at_back:
-                    reference = seed  # the reference was on the piece that came off
-    return labels[:n_labels]
+        gmap.mark[seeds[i]], gmap.queue[i] = first_stamp + i, seeds[i]
+        walks.group[i], walks.head[i], walks.tail[i], turn[i], following[i] = i, i, i, i, -1
+    n_found, n_turns, n_walking, n_ended = n_seeds, n_seeds, n_seeds, np.int64(0)
+    while n_walking > 1:
+        n_kept = np.int64(0)
+        for walk in turn[:n_turns]:
+            if walks.group[walk] != walk or n_walking == 1:
+                continue
+            if walks.head[walk] < 0:
+                ended[n_ended] = seeds[walk]
+                n_ended += 1
+                n_walking -= 1
+                continue
+            if n_found + 4 > len(following):
+                following = lengthened(following)
+            n_found, n_met = go_on(gmap, walks, walk, following, n_found, first_stamp)
+            n_walking -= n_met
+            turn[n_kept] = walk
+            n_kept += 1
+        n_turns = n_kept
+    return ended[:n_ended]
+
+
+@part
+def go_on(gmap, walks, walk, following, n_found, first_stamp):
+    """Let a walk look across the faces of its next tetrahedron; return how many are found now, and how many walks it has met."""
+    n_met = 0
+    here = np.int64(gmap.queue[walks.head[walk]])
+    walks.head[walk] = following[walks.head[walk]]
+    for face in range(4):
+        there = neighbour(gmap.image, here, face) >> 2
+        finder = np.int64(gmap.mark[there]) - first_stamp
+        if finder < 0:
+            gmap.mark[there], gmap.queue[n_found], following[n_found] = first_stamp + walk, there, -1
+            append(walks, walk, following, n_found, n_found)
+            n_found += 1
+        else:
+            met = root(walks.group, finder)
+            if met != walk:
+                append(walks, walk, following, walks.head[met], walks.tail[met])
+                walks.group[met] = walk
+                n_met += 1
+    return n_found, n_met
+
+
+@part
+def append(walks, walk, following, first, last):
+    """Let a walk go on, when it has done all else, from what stands in the queue between two places; first: -1 for nothing."""
+    if first < 0:
+        return
+    if walks.head[walk] < 0:
+        walks.head[walk] = first
+    else:
+        following[walks.tail[walk]] = first
+    walks.tail[walk] = last
+
+
+@part
+def lengthened(numbers):
+    """Return a copy with room for as many again."""
+    longer = np.empty(2 * len(numbers), dtype=np.int64)
+    longer[: len(numbers)] = numbers
+    return longer
 
 
 @part

@@ -24,11 +24,17 @@ LAST_STAMP = 2**31 - 1
 @part
 def next_stamp(gmap):
     """Return a stamp that no mark bears."""
-    if gmap.counts[STAMP] == LAST_STAMP:
+    return np.int32(next_stamps(gmap, np.int64(1)))
+
+
+@part
+def next_stamps(gmap, n):
+    """Return the first of n stamps in a row that no mark bears."""
+    if gmap.counts[STAMP] > LAST_STAMP - n:
         gmap.mark[:] = 0
         gmap.counts[STAMP] = 0
-    gmap.counts[STAMP] += 1
-    return np.int32(gmap.counts[STAMP])
+    gmap.counts[STAMP] += n
+    return gmap.counts[STAMP] - n + 1
 
 
 @part

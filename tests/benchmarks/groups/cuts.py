@@ -81,15 +81,21 @@ def measure_cuts(plan: Plan) -> Iterator[Row]:
             start = simulation.save_state()
             try:
                 singles[size], error = time_single_cuts(kind, simulation)
-                yield cut_row(f"{kind.name}, one call, {size}", singles[size], kind.limits[0], error, kind.references)
+                yield cut_row(f"{kind.name}, one call, {size}", singles[size], error, kind.limits[0], kind.references)
             except Exception as problem:
                 yield failed(f"{kind.name}, one call, {size}", reason_of(problem), unit="µs")
             simulation.load_state(start)
             try:
                 batches[size], error = time_batch(kind, simulation)
-                yield cut_row(f"{kind.name}, in a batch, {size}", batches[size], kind.limits[1], error, kind.references)
+                yield cut_row(f"{kind.name}, in a batch, {size}", batches[size], error, kind.limits[1], kind.references)
             except Exception as problem:
                 yield failed(f"{kind.name}, in a batch, {size}", reason_of(problem), unit="µs")
+            simulation.load_state(start)
+            name = f"{kind.name}, in {N_PARTS} batches one after the other, {size}"
+            try:
+                yield cut_row(name, *time_batches(kind, simulation))
+            except Exception as problem:
+                yield failed(name, reason_of(problem), unit="µs")
             simulation.load_state(start)
         for how, samples in (("one call", singles), ("in a batch", batches)):
             name = f"{kind.name}, {how}, {sizes[1]} / {sizes[0]}"
@@ -128,6 +134,13 @@ def time_batch(kind: Kind, simulation: Simulation) -> tuple[Sample, float]:
     return sampled(times), mass_error(simulation, first, is_checked=is_small)
 
 
+def time_batches(kind: Kind, simulation: Simulation) -> tuple[Sample, float]:
+    """Cut a random half in portions, one call each; return the times per cut, from the first portion to the last, and the error."""
+    chosen, first = kind.choose(simulation, np.random.default_rng(2)), simulation.body.nodes.mass.sum()
+    times = [timed(kind.batch, simulation, part) / len(part) for part in np.array_split(chosen, N_PARTS)]
+    return sampled(times), mass_error(simulation, first)
+
+
 def warm_up(kind: Kind, simulation: Simulation, chosen: np.ndarray) -> None:
     """Cut once each way and go back, so that nothing is compiled on the clock."""
     start = simulation.save_state()
@@ -144,7 +157,7 @@ def mass_error(simulation: Simulation, first: float, is_checked: bool = True) ->
     return float(abs(body.nodes.mass.sum() - body.tetrahedra.mass[body.is_alive].sum()) / first)
 
 
-def cut_row(name: str, sample: Sample, limit: float, error: float, reference: str) -> Row:
+def cut_row(name: str, sample: Sample, error: float, limit: float | None = None, reference: str = "") -> Row:
     """Return a row of microseconds per cut: the median, as is asked."""
     low, high = 1e6 * float(np.percentile(sample.times, LOW)), 1e6 * sample.high
-    return Row(name, 1e6 * sample.median, "µs", low, high, at_most(limit), error, 1e-9, ERROR_MEANS, reference)
+    return Row(name, 1e6 * sample.median, "µs", low, high, at_most(limit) if limit else None, error, 1e-9, ERROR_MEANS, reference)

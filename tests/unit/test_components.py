@@ -1,0 +1,98 @@
+"""Labels of components after cuts of many faces at once: against scipy, and without a walk through the whole body."""
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+import gmapspring as gs
+from gmapspring.cut import cut
+from gmapspring.topology.gmap import STAMP
+
+MATERIAL = gs.Material(young_modulus=5e3, density=1e3)
+
+
+def pieces_of(body):
+    """Return scipy's number of the piece of each live tetrahedron: those linked by sewn faces."""
+    slots = np.arange(4 * body.mesh.n_tetrahedra)
+    beyond = body.gmap.image.reshape(-1) // 6
+    links = coo_matrix((np.ones(len(slots)), (slots // 4, beyond // 4)), shape=(body.mesh.n_tetrahedra,) * 2)
+    return connected_components(links, directed=False)[1][body.is_alive]
+
+
+def check_labels(body):
+    """Check that two live tetrahedra have one label if and only if they are in one piece."""
+    labels, pieces = body.gmap.component_of[body.is_alive], pieces_of(body)
+    pairs = np.unique(np.stack([labels, pieces], axis=1), axis=0)
+    assert len(pairs) == len(np.unique(labels)) == len(np.unique(pieces))
+
+
+def sewn_pairs(body):
+    """Return the pairs of tetrahedra that a sewn face links, (k, 2)."""
+    slots = np.arange(4 * body.mesh.n_tetrahedra)
+    beyond = body.gmap.image.reshape(-1) // 6
+    return np.stack([slots // 4, beyond // 4], axis=1)[slots < beyond]
+
+
+@pytest.mark.parametrize("n_faces", [1, 6, 40, 150])
+@pytest.mark.parametrize("n_removed", [0, 1, 12])
+def test_labels_are_those_of_scipy_until_all_has_been_cut(n_faces, n_removed):
+    body = gs.Simulation(gs.meshes.box((8, 7, 6)), MATERIAL).body
+    rng = np.random.default_rng(n_faces + 1000 * n_removed)
+    seen = set(np.unique(body.gmap.component_of).tolist())
+    n_came_off = 0
+    for _ in range(3000 // n_faces if n_faces > 1 else 200):
+        pairs = sewn_pairs(body)
+        if not len(pairs):
+            break
+        if n_faces == 1:
+            # Round one place, so that single cuts free something.
+            pairs = pairs[np.argsort(pairs.sum(axis=1))[:40]]
+        chosen = pairs[rng.permutation(len(pairs))[:n_faces]]
+        removed = rng.permutation(np.flatnonzero(body.is_alive))[:n_removed]
+        report = cut(body, chosen, removed)
+        new = set(report.new_components.tolist())
+        assert not new & seen and new <= set(body.gmap.component_of.tolist())
+        seen |= new
+        n_came_off += len(new)
+        check_labels(body)
+    assert n_came_off > 10
+
+
+def test_what_a_piece_held_together_comes_apart_with_it():
+    # The middle is the smallest: it comes off at either plane, and only then the two ends are known to have parted.
+    body = gs.Simulation(gs.meshes.box((24, 6, 6)), MATERIAL).body
+    x = body.mesh.points[body.mesh.tetrahedra].mean(axis=1)[:, 0]
+    pairs = sewn_pairs(body)
+    slab = np.digitize(x, [10.0, 14.0])
+    report = cut(body, pairs[slab[pairs[:, 0]] != slab[pairs[:, 1]]])
+    assert len(report.new_components) == 2
+    check_labels(body)
+
+
+def isolating(body, tetrahedra):
+    """Return the pairs at the faces of some tetrahedra."""
+    pairs = sewn_pairs(body)
+    return pairs[np.isin(pairs, tetrahedra).any(axis=1)]
+
+
+@pytest.mark.parametrize("kind", ["freed", "removed", "all but one face"])
+def test_cuts_here_and_there_look_at_what_lies_about_them_alone(kind):
+    body = gs.Simulation(gs.meshes.box((20, 20, 20)), MATERIAL).body
+    rng = np.random.default_rng(0)
+    centre = body.mesh.points[body.mesh.tetrahedra].mean(axis=1)
+    inside = np.flatnonzero((np.abs(centre - 10.0) < 8.0).all(axis=1))
+    some = rng.permutation(inside)[:12]
+    pairs = isolating(body, some)
+    if kind == "all but one face":
+        pairs = pairs[np.sort(np.unique([np.flatnonzero((pairs == one).any(axis=1))[1:] for one in some]))]
+    before = body.gmap.counts[STAMP]
+    if kind == "removed":
+        cut(body, (), some)
+    else:
+        cut(body, pairs)
+    n_seen = np.count_nonzero(body.gmap.mark > before)
+    check_labels(body)
+    assert len(np.unique(body.gmap.component_of[body.is_alive])) == (13 if kind == "freed" else 1)
+    # A vertex has 24 tetrahedra about it, and a tetrahedron with its neighbours a good hundred.
+    assert n_seen < 12 * 150 < body.mesh.n_tetrahedra / 20
