@@ -47,7 +47,7 @@ def find_suspects(gmap, room, opened):
 
 @part
 def follows_itself(tetrahedra, i):
-    """Return whether suspect i is the first side of a face of the tetrahedron that the last face was of, as when it is removed."""
+    """Return whether suspect i is a first side, and of the tetrahedron that the face before was of, as where one is removed."""
     return i % 2 == 0 and i >= 2 and tetrahedra[i] == tetrahedra[i - 2]
 
 

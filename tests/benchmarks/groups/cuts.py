@@ -135,7 +135,7 @@ def time_batch(kind: Kind, simulation: Simulation) -> tuple[Sample, float]:
 
 
 def time_batches(kind: Kind, simulation: Simulation) -> tuple[Sample, float]:
-    """Cut a random half in portions, one call each; return the times per cut, from the first portion to the last, and the error."""
+    """Cut a random half in portions, one call each; return the times per cut, portion by portion, and the error in mass."""
     chosen, first = kind.choose(simulation, np.random.default_rng(2)), simulation.body.nodes.mass.sum()
     times = [timed(kind.batch, simulation, part) / len(part) for part in np.array_split(chosen, N_PARTS)]
     return sampled(times), mass_error(simulation, first)
