@@ -7,11 +7,13 @@ import numpy as np
 from gmapspring.jit import part
 from gmapspring.topology.darts import FACE_CORNERS
 from gmapspring.topology.gmap import N_LABELS, neighbour
-from gmapspring.topology.room import take
+from gmapspring.topology.room import take, take_lists
 from gmapspring.topology.walks import next_stamps, sort, walk_component, walk_smaller_side
 
 MANY = 8
 """To walk through the whole body is faster where it may have come apart at more than every so-many-th of its tetrahedra."""
+HALF, LOWER = 32, 2**32 - 1
+"""Where two numbers share one, the first is in its upper half."""
 
 
 class Suspects(NamedTuple):
@@ -31,18 +33,18 @@ class Suspects(NamedTuple):
 @part
 def find_suspects(gmap, room, opened):
     """Find the suspects among the sides of opened faces."""
-    tetrahedra = take(room, len(opened))
     n = np.int64(0)
+    lists = take_lists(room, 3, len(opened))
+    tetrahedra, piece, cause = lists[0], lists[1], lists[2]
     for i in range(0, len(opened), 2):
         if not meet_at_corner(gmap, opened[i], opened[i + 1]):
             tetrahedra[n], tetrahedra[n + 1] = opened[i] >> 2, opened[i + 1] >> 2
             n += 2
-    piece, cause = take(room, n), take(room, n)
     for i in range(n):
         piece[i], cause[i] = i, i & -2
         if follows_itself(tetrahedra, i):
             cause[i] = cause[i - 2]
-    return Suspects(tetrahedra[:n], piece, cause)
+    return Suspects(tetrahedra[:n], piece[:n], cause[:n])
 
 
 @part
@@ -66,24 +68,21 @@ def meet_at_corner(gmap, slot, other):
 def unite_suspects(gmap, room, suspects):
     """Unite those that share a vertex; those that are of the same removed tetrahedron have been connected by it."""
     tetrahedra, n_vertices = suspects.tetrahedra, 4 * len(gmap.component_of)
-    n, n_keys = len(tetrahedra), 0
-    keys = take(room, 4 * n)  # vertex first, then suspect: sorted, those at one vertex are neighbours
-    for i in range(n):
-        if gmap.component_of[tetrahedra[i]] < 0:
-            if not follows_itself(tetrahedra, i):
-                keys[n_keys] = (n_vertices + tetrahedra[i]) * n + i
-                n_keys += 1
-        else:
+    keys, n_keys = take(room, 4 * len(tetrahedra)), 0  # vertex first, then suspect: sorted, those at one vertex are neighbours
+    for i in range(len(tetrahedra)):
+        if gmap.component_of[tetrahedra[i]] >= 0:
             for corner in range(4):
-                keys[n_keys] = gmap.vertex_of[tetrahedra[i], corner] * n + i
+                keys[n_keys] = np.int64(gmap.vertex_of[tetrahedra[i], corner]) << HALF | i
                 n_keys += 1
-    keys = keys[:n_keys]
-    sort(keys)
+        elif not follows_itself(tetrahedra, i):
+            keys[n_keys] = n_vertices + tetrahedra[i] << HALF | i
+            n_keys += 1
+    sort(keys[:n_keys])
     for k in range(1, n_keys):
-        if keys[k] // n == keys[k - 1] // n:
-            unite(suspects.cause, keys[k] % n, keys[k - 1] % n)
-            if keys[k] // n < n_vertices:
-                unite(suspects.piece, keys[k] % n, keys[k - 1] % n)
+        if keys[k] >> HALF == keys[k - 1] >> HALF:
+            unite(suspects.cause, keys[k] & LOWER, keys[k - 1] & LOWER)
+            if keys[k] >> HALF < n_vertices:
+                unite(suspects.piece, keys[k] & LOWER, keys[k - 1] & LOWER)
 
 
 @part
@@ -119,8 +118,8 @@ def relabel_components(gmap, room, opened):
     unite_suspects(gmap, room, suspects)
     first_label, is_open = gmap.counts[N_LABELS], len(suspects.tetrahedra) > 0
     while is_open:
-        part_causes(gmap, room, suspects)
-        is_open = gmap.counts[N_LABELS] > first_label and unite_causes(gmap, room, suspects, first_label)
+        part_causes(gmap, room, suspects, first_label)
+        is_open = unite_causes(gmap, room, suspects, first_label)
     labels = take(room, gmap.counts[N_LABELS] - first_label)
     for i in range(len(labels)):
         labels[i] = first_label + i
@@ -128,54 +127,46 @@ def relabel_components(gmap, room, opened):
 
 
 @part
-def part_causes(gmap, room, suspects):
-    """Give a new label to each piece but one of those that were held together by one cause and have one label."""
-    n, n_labels = len(suspects.tetrahedra), gmap.counts[N_LABELS]
-    keys = take(room, n)  # cause first, then label, then suspect
-    n_seeds = np.int64(0)
+def part_causes(gmap, room, suspects, first_label):
+    """Give a new label to each piece but one of those that one cause has held together and that have no new label yet."""
+    tetrahedra, n = suspects.tetrahedra, len(suspects.tetrahedra)
+    lists = take_lists(room, 3, n)
+    first, following, seeds = lists[0], lists[1], lists[2]  # a chain of suspects for each cause, ended by -1; what is walked from
     for i in range(n):
-        tetrahedron = suspects.tetrahedra[i]
-        if suspects.piece[i] == i and gmap.component_of[tetrahedron] >= 0:
-            keys[n_seeds] = (root(suspects.cause, i) * n_labels + gmap.component_of[tetrahedron]) * n + i
-            n_seeds += 1
-    sort(keys[:n_seeds])
-    seeds = take(room, n_seeds)
-    n_together = np.int64(0)
-    for k in range(n_seeds):
-        seeds[n_together] = suspects.tetrahedra[keys[k] % n]
-        # What has come off by now, by another cause, has a label of its own already.
-        n_together += gmap.component_of[seeds[n_together]] == keys[k] // n % n_labels
-        if k + 1 == n_seeds or keys[k + 1] // n != keys[k] // n:
-            if n_together > 1:
-                relabel_ended(gmap, walk_apart(gmap, room, seeds[:n_together]))
-            n_together = np.int64(0)
-
-
-@part
-def relabel_ended(gmap, pieces):
-    """Give a new label to each piece of which there is a tetrahedron."""
-    for piece in pieces:
-        for member in gmap.queue[: walk_component(gmap, piece, gmap.queue)]:
-            gmap.component_of[member] = gmap.counts[N_LABELS]
-        gmap.counts[N_LABELS] += 1
+        first[i] = -1
+    for i in range(n - 1, -1, -1):
+        if suspects.piece[i] == i and gmap.component_of[tetrahedra[i]] >= 0:
+            cause = root(suspects.cause, i)
+            following[i], first[cause] = first[cause], i
+    for cause in range(n):
+        i, n_seeds = first[cause], 0
+        while i >= 0:
+            if gmap.component_of[tetrahedra[i]] < first_label:
+                seeds[n_seeds] = tetrahedra[i]
+                n_seeds += 1
+            i = following[i]
+        if n_seeds > 1:
+            for piece in walk_apart(gmap, room, seeds[:n_seeds]):
+                for member in gmap.queue[: walk_component(gmap, piece, gmap.queue)]:
+                    gmap.component_of[member] = gmap.counts[N_LABELS]
+                gmap.counts[N_LABELS] += 1
 
 
 @part
 def unite_causes(gmap, room, suspects, first_label):
     """Unite the causes of suspects in one piece that came off; return whether some were not one already."""
-    n = len(suspects.tetrahedra)
-    keys = take(room, n)  # label first, then suspect
-    n_keys, has_united = np.int64(0), False
-    for i in range(n):
-        if gmap.component_of[suspects.tetrahedra[i]] >= first_label:
-            keys[n_keys] = gmap.component_of[suspects.tetrahedra[i]] * n + i
-            n_keys += 1
-    sort(keys[:n_keys])
-    for k in range(1, n_keys):
-        one, other = keys[k] % n, keys[k - 1] % n
-        if keys[k] // n == keys[k - 1] // n and root(suspects.cause, one) != root(suspects.cause, other):
-            unite(suspects.cause, one, other)
-            has_united = True
+    found = take(room, gmap.counts[N_LABELS] - first_label)
+    for i in range(len(found)):
+        found[i] = -1
+    has_united = False
+    for i in range(len(suspects.tetrahedra)):
+        piece = gmap.component_of[suspects.tetrahedra[i]] - first_label
+        if piece >= 0:
+            if found[piece] < 0:
+                found[piece] = i
+            elif root(suspects.cause, i) != root(suspects.cause, found[piece]):
+                unite(suspects.cause, i, found[piece])
+                has_united = True
     return has_united
 
 
@@ -201,8 +192,8 @@ def walk_apart(gmap, room, seeds):
     pieces that came off and of the ways on which others meet, not of the body.
     """
     n_seeds = len(seeds)
-    walks = Walks(take(room, n_seeds), take(room, n_seeds), take(room, n_seeds))
-    turn, ended, following = take(room, n_seeds), take(room, n_seeds), take(room, 64 + n_seeds)
+    lists, following = take_lists(room, 5, n_seeds), take(room, 64 + n_seeds)
+    walks, turn, ended = Walks(lists[0], lists[1], lists[2]), lists[3], lists[4]
     first_stamp = next_stamps(gmap, n_seeds)
     for i in range(n_seeds):
         gmap.mark[seeds[i]], gmap.queue[i] = first_stamp + i, seeds[i]
@@ -266,7 +257,8 @@ def append(walks, walk, following, first, last):
 def lengthened(numbers):
     """Return a copy with room for as many again."""
     longer = np.empty(2 * len(numbers), dtype=np.int64)
-    longer[: len(numbers)] = numbers
+    for i in range(len(numbers)):  # to assign to a slice takes two seconds to compile
+        longer[i] = numbers[i]
     return longer
 
 

@@ -36,6 +36,12 @@ def take(room, n):
 
 
 @part
+def take_lists(room, n_lists, n):
+    """Return some lists of n whole numbers each, int64 (n_lists, n): one after the other they would take longer to compile."""
+    return take(room, n_lists * n).reshape(n_lists, n)
+
+
+@part
 def take_pairs(room, n):
     """Return a list of n pairs of whole numbers, int64 (n, 2)."""
     return take(room, 2 * n).reshape(n, 2)
