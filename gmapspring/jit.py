@@ -12,6 +12,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 from gmapspring.kernel_cache import KernelCache, is_cacheable
+from gmapspring.numba_flags import compare_quickly
 
 _settings: Any = numba.config
 _compile: Any = numba.njit
@@ -52,6 +53,7 @@ class _Compilation(event.Listener):
 _kernels: set[Callable[..., Any]] = set()
 """The functions that are cached once compiled."""
 event.register("numba:compile", _Compilation())
+compare_quickly()
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "no_cfunc_wrapper": True}
 """No interpreter lock, IEEE arithmetic, no checks of indices."""
 

@@ -26,7 +26,7 @@ CUTTING = {"gmapspring." + name for name in ("cut", "embedding")}
 """What changes map and mechanics together."""
 SHELLS = {"gmapspring." + name for name in ("body", "simulation")}
 """What holds the two beside each other."""
-BOTTOM = {"gmapspring." + name for name in ("addresses", "errors", "jit", "prefetch")}
+BOTTOM = {"gmapspring." + name for name in ("addresses", "errors", "jit", "numba_flags", "prefetch")}
 """What the map may import besides itself."""
 
 
