@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from agents.features import N_OWN, N_SIDE, OWN_FEATURES, SIDE_FEATURES
-from agents.layers import Graph, Meeting, exchange, meet, score
-from agents.segments import Segments, highest, log_softmax, spread, total
+from agents.layers import Graph, Meeting, Met, exchange, meet, score
+from agents.segments import Segments, highest, log_softmax, total
 from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
 
@@ -98,13 +98,12 @@ class CandidateNetwork(nn.Module):
         known = self._known(seen.tetrahedra, graph)
         offset = seen.tetrahedra[:, SIDE_OFFSET : SIDE_OFFSET + 3]
         context, centres = self._context(known, offset, seen.of_state * sees_state, of.tetrahedra)
-        away = seen.features[:, None, OFFSET : OFFSET + 3] - spread(centres, of.candidates).unflatten(1, (-1, 3))
         own = linear(seen.features, self.of_candidate.weight * sees_candidate)
-        own = own.addmm_(away.square().sum(2), self.from_distance.weight.t())
         # What is added to all candidates of a state is added to the state: there are fewer of them.
         state = self.from_context(context) + self.of_candidate.bias
-        met = meet(own, state, _together(known, self.of_sides), Meeting(of.candidates, seen.sides))
-        logit = score(linear(met, self.encoder.weight), self.encoder.bias, self.logit.weight[0]) + self.logit.bias
+        met = Met(state, _together(known, self.of_sides), centres, self.from_distance.weight.t().contiguous())
+        own = meet(own, met, Meeting(of.candidates, seen.sides, seen.features[:, OFFSET : OFFSET + 3]))
+        logit = score(linear(own, self.encoder.weight), self.encoder.bias, self.logit.weight[0]) + self.logit.bias
         return log_softmax(logit, of.candidates), self.value(self.value_encoder(context)).flatten()
 
     def _known(self, tetrahedra: Tensor, graph: Graph) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from agents.segments import Segments
-from gmapspring.jit import kernel
+from gmapspring.jit import kernel, part
 
 ZERO, HALF = np.float32(0.0), np.float32(0.5)
 """As float32, for to compare with what is written as 0.0 would take float64.
@@ -52,9 +52,9 @@ class _Exchange(torch.autograd.Function):
     @staticmethod
     def backward(context: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
         (told,) = context.saved_tensors
-        rise = torch.empty_like(told)
-        _exchange_back(*_arrays(slope.contiguous(), told, *context.graph, rise))
-        return slope, rise, rise[:, : slope.shape[1]].sum(0), None
+        rise, of_bias = torch.empty_like(told), told.new_zeros(slope.shape[1])
+        _exchange_back(*_arrays(slope.contiguous(), told, *context.graph, rise, of_bias))
+        return slope, rise, of_bias, None
 
 
 @kernel
@@ -78,13 +78,15 @@ def _exchange(known, told, bias, neighbours, offset, learnt):
 
 
 @kernel
-def _exchange_back(slope, added, neighbours, offset, rise):
+def _exchange_back(slope, added, neighbours, offset, rise, of_bias):
     """Fill the slope of what was told. Who sends to whom is symmetric, and so it travels the same way."""
     n_lanes = slope.shape[1]
     for row in range(len(slope)):
         for lane in range(n_lanes):
             handed = slope[row, lane]
             rise[row, lane] = ZERO if added[row, lane] <= ZERO else handed
+        for lane in range(n_lanes):
+            of_bias[lane] += rise[row, lane]
     heard = np.empty(n_lanes, slope.dtype)
     for row in range(len(slope)):
         for lane in range(n_lanes):
@@ -98,43 +100,61 @@ def _exchange_back(slope, added, neighbours, offset, rise):
 
 
 class Meeting(NamedTuple):
-    """Where candidates find what is known of their state and of their two sides."""
+    """Where candidates find what is known of their state and of their two sides, and where they lie."""
 
     states: Segments
     """Which candidates belong to which state."""
     sides: Tensor
     """The two sides of each, rows of the tetrahedra, int64, shape (2, n_candidates)."""
+    places: Tensor
+    """Where each lies, shape (n_candidates, 3)."""
 
 
-def meet(own: Tensor, state: Tensor, sides: Tensor, at: Meeting) -> Tensor:
-    """Return the positive part of own + that of its state + that of its first side + that of its second, row by row.
+class Met(NamedTuple):
+    """What candidates meet."""
 
-    own: overwritten, (n_candidates, n_lanes); state: (n_states, n_lanes); sides: what each tetrahedron is as a first
-    side and as a second, (n_tetrahedra, 2 * n_lanes).
+    state: Tensor
+    """What is known of each state, (n_states, n_lanes)."""
+    sides: Tensor
+    """What each tetrahedron is as a first side and as a second, (n_tetrahedra, 2 * n_lanes)."""
+    centres: Tensor
+    """Places of each state to which the distance counts, one after the other, (n_states, n_centres * 3)."""
+    distant: Tensor
+    """What the square of the distance to each of these is worth, (n_centres, n_lanes)."""
+
+
+def meet(own: Tensor, met: Met, at: Meeting) -> Tensor:
+    """Return the positive part of own + all that is met: state, first side, second side, squared distances times their worth.
+
+    own: what each candidate is by itself, overwritten, (n_candidates, n_lanes).
     """
-    return _Meet.apply(own, state, sides, at)
+    return _Meet.apply(own, *met, at)
 
 
 class _Meet(torch.autograd.Function):
     @staticmethod
-    def forward(context: Any, own: Tensor, state: Tensor, sides: Tensor, at: Meeting) -> Tensor:
+    def forward(
+        context: Any, own: Tensor, state: Tensor, sides: Tensor, centres: Tensor, distant: Tensor, at: Meeting
+    ) -> Tensor:
         context.at, context.n_tetrahedra = at, len(sides)
-        _meet(*_arrays(own, state, sides), at.states.offset, at.sides.numpy())
+        _meet(*_arrays(own, state, sides, centres, distant, at.places), at.states.offset, at.sides.numpy())
         context.mark_dirty(own)
-        context.save_for_backward(own)
+        context.save_for_backward(own, centres, distant)
         return own
 
     @staticmethod
     def backward(context: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
-        (met,), at, n_lanes = context.saved_tensors, context.at, slope.shape[1]
-        rise, of_sides = torch.empty_like(met), met.new_zeros(context.n_tetrahedra, 2 * n_lanes)
-        of_state = met.new_zeros(len(at.states.length), n_lanes)
-        _meet_back(*_arrays(slope.contiguous(), met, rise, of_state, of_sides), at.states.offset, at.sides.numpy())
-        return rise, of_state, of_sides, None
+        (own, centres, distant), at, n_lanes = context.saved_tensors, context.at, slope.shape[1]
+        rise, of_sides = torch.empty_like(own), own.new_zeros(context.n_tetrahedra, 2 * n_lanes)
+        of_state, of_centres = own.new_zeros(len(centres), n_lanes), torch.zeros_like(centres)
+        of_distant, offset = torch.zeros_like(distant), at.states.offset
+        _meet_back(*_arrays(slope.contiguous(), own, rise, of_state, of_sides), offset, at.sides.numpy())
+        _draw_near(*_arrays(rise, rise @ distant.t(), centres, at.places, of_centres, of_distant), offset)
+        return rise, of_state, of_sides, of_centres, of_distant, None
 
 
 @kernel
-def _meet(own, of_state, of_sides, offset, sides):
+def _meet(own, of_state, of_sides, centres, distant, places, offset, sides):
     """Add up, and let nothing below zero pass."""
     n_lanes = own.shape[1]
     for state in range(len(of_state)):
@@ -142,9 +162,22 @@ def _meet(own, of_state, of_sides, offset, sides):
         for row in range(offset[state], offset[state + 1]):
             # Each is a short array of its own: to ask whether these overlap is quick.
             mine, first, second = own[row], of_sides[sides[0, row]], of_sides[sides[1, row], n_lanes:]
+            for centre in range(len(distant)):
+                square, worth = _square(places, row, centres, state, centre), distant[centre]
+                for lane in range(n_lanes):
+                    mine[lane] += square * worth[lane]
             for lane in range(n_lanes):
                 met = mine[lane] + its_state[lane] + first[lane] + second[lane]
                 mine[lane] = ZERO if met <= ZERO else met
+
+
+@part
+def _square(places, row, centres, state, centre):
+    """Return the square of a distance."""
+    x = places[row, 0] - centres[state, 3 * centre]
+    y = places[row, 1] - centres[state, 3 * centre + 1]
+    z = places[row, 2] - centres[state, 3 * centre + 2]
+    return x * x + y * y + z * z
 
 
 @kernel
@@ -166,6 +199,20 @@ def _meet_back(slope, met, rise, of_state, of_sides, offset, sides):
                 of_sides[two, n_lanes + lane] += rise[row, lane]
 
 
+@kernel
+def _draw_near(rise, of_squares, centres, places, of_centres, of_distant, offset):
+    """Hand the slope on to what distances are worth and to the centres, given that of the squared distances."""
+    for state in range(len(centres)):
+        for row in range(offset[state], offset[state + 1]):
+            for centre in range(len(of_distant)):
+                square, worth = _square(places, row, centres, state, centre), of_distant[centre]
+                for lane in range(len(worth)):
+                    worth[lane] += square * rise[row, lane]
+                for axis in range(3):
+                    away = places[row, axis] - centres[state, 3 * centre + axis]
+                    of_centres[state, 3 * centre + axis] -= (away + away) * of_squares[row, centre]
+
+
 def score(rows: Tensor, bias: Tensor, weight: Tensor) -> Tensor:
     """Return the product of the positive part of rows + bias with a weight: (n_rows,).
 
@@ -185,9 +232,9 @@ class _Score(torch.autograd.Function):
     @staticmethod
     def backward(context: Any, slope: Tensor) -> tuple[Tensor, ...]:
         rows, weight = context.saved_tensors
-        rise = torch.empty_like(rows)
-        _score_back(*_arrays(slope, rows, weight, rise))
-        return rise, rise.sum(0), slope @ rows
+        rise, of_bias, of_weight = torch.empty_like(rows), torch.zeros_like(weight), torch.zeros_like(weight)
+        _score_back(*_arrays(slope, rows, weight, rise, of_bias, of_weight))
+        return rise, of_bias, of_weight
 
 
 @kernel
@@ -200,12 +247,16 @@ def _rectify(rows, bias):
 
 
 @kernel
-def _score_back(slope, rows, weight, rise):
-    """Fill the slope of the rows."""
+def _score_back(slope, rows, weight, rise, of_bias, of_weight):
+    """Fill the slope of the rows, and add up those of bias and weight."""
     for row in range(len(rows)):
         for lane in range(len(weight)):
             handed = slope[row] * weight[lane]
             rise[row, lane] = ZERO if rows[row, lane] <= ZERO else handed
+        for lane in range(len(weight)):
+            of_bias[lane] += rise[row, lane]
+        for lane in range(len(weight)):
+            of_weight[lane] += slope[row] * rows[row, lane]
 
 
 def _arrays(*parts: Tensor) -> list[Any]:

@@ -5,7 +5,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from agents.layers import Graph, Meeting, exchange, meet, score  # noqa: E402
+from agents.layers import Graph, Meeting, Met, exchange, meet, score  # noqa: E402
 from agents.segments import segments  # noqa: E402
 
 N_LANES = 3
@@ -40,18 +40,29 @@ def exchange_case(rng, n):
 
 def meeting_case(rng, n):
     """Return a meeting of the candidates of three states, with sides drawn at random, some of them shared, likewise."""
-    counts, n_tetrahedra = [n, 1, 2 * n], n + 2
-    at = Meeting(segments(np.append(0, np.cumsum(counts))), torch.tensor(rng.integers(0, n_tetrahedra, (2, sum(counts)))))
+    counts, n_tetrahedra, n_centres = [n, 1, 2 * n], n + 2, 2
+    sides = torch.tensor(rng.integers(0, n_tetrahedra, (2, sum(counts))))
+    places = torch.tensor(rng.normal(size=(sum(counts), 5)))
 
-    def fast(own, state, sides):
-        return meet(1.0 * own, state, sides, at)
+    def at(dtype):
+        # As columns of a wider table.
+        return Meeting(segments(np.append(0, np.cumsum(counts))), sides, places.to(dtype)[:, 1:4])
 
-    def slow(own, state, sides):
+    def fast(own, *met):
+        return meet(1.0 * own, Met(*met), at(own.dtype))
+
+    def slow(own, state, sides, centres, distant):
         first, second = sides.split(N_LANES, 1)
-        rows = zip(own, at.states.state_of, *at.sides, strict=True)
-        return torch.stack([(row + state[of] + first[one] + second[two]).clamp_min(0.0) for row, of, one, two in rows])
+        states, sides, places = at(own.dtype)
+        rows = zip(own, states.state_of, *sides, places, strict=True)
+        return torch.stack([
+            (row + state[of] + first[one] + second[two]
+             + sum((place - centre).square().sum() * worth for centre, worth in zip(centres[of].split(3), distant, strict=True))
+            ).clamp_min(0.0) for row, of, one, two, place in rows
+        ])  # fmt: skip
 
-    return fast, slow, [(sum(counts), N_LANES), (len(counts), N_LANES), (n_tetrahedra, 2 * N_LANES)]
+    shapes = [(sum(counts), N_LANES), (len(counts), N_LANES), (n_tetrahedra, 2 * N_LANES)]
+    return fast, slow, [*shapes, (len(counts), 3 * n_centres), (n_centres, N_LANES)]
 
 
 def score_case(rng, n):
