@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from agents.features import N_OWN, N_SIDE, OWN_FEATURES, SIDE_FEATURES
-from agents.layers import Graph, Meeting, Met, exchange, meet, score
+from agents.layers import Company, Graph, Meeting, exchange, meet, score
 from agents.segments import Segments, highest, log_softmax, total
 from agents.training_config import NetworkSettings
 from envs.observation import COLUMNS
@@ -101,8 +101,8 @@ class CandidateNetwork(nn.Module):
         own = linear(seen.features, self.of_candidate.weight * sees_candidate)
         # What is added to all candidates of a state is added to the state: there are fewer of them.
         state = self.from_context(context) + self.of_candidate.bias
-        met = Met(state, _together(known, self.of_sides), centres, self.from_distance.weight.t().contiguous())
-        own = meet(own, met, Meeting(of.candidates, seen.sides, seen.features[:, OFFSET : OFFSET + 3]))
+        company = Company(state, _together(known, self.of_sides), centres, self.from_distance.weight.t().contiguous())
+        own = meet(own, company, Meeting(of.candidates, seen.sides, seen.features[:, OFFSET : OFFSET + 3]))
         logit = score(linear(own, self.encoder.weight), self.encoder.bias, self.logit.weight[0]) + self.logit.bias
         return log_softmax(logit, of.candidates), self.value(self.value_encoder(context)).flatten()
 

@@ -107,10 +107,10 @@ class Meeting(NamedTuple):
     sides: Tensor
     """The two sides of each, rows of the tetrahedra, int64, shape (2, n_candidates)."""
     places: Tensor
-    """Where each lies, shape (n_candidates, 3)."""
+    """Where each lies, shape (n_candidates, 3); not differentiated."""
 
 
-class Met(NamedTuple):
+class Company(NamedTuple):
     """What candidates meet."""
 
     state: Tensor
@@ -123,12 +123,12 @@ class Met(NamedTuple):
     """What the square of the distance to each of these is worth, (n_centres, n_lanes)."""
 
 
-def meet(own: Tensor, met: Met, at: Meeting) -> Tensor:
+def meet(own: Tensor, company: Company, at: Meeting) -> Tensor:
     """Return the positive part of own + all that is met: state, first side, second side, squared distances times their worth.
 
     own: what each candidate is by itself, overwritten, (n_candidates, n_lanes).
     """
-    return _Meet.apply(own, *met, at)
+    return _Meet.apply(own, *company, at)
 
 
 class _Meet(torch.autograd.Function):

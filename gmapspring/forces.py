@@ -1,10 +1,11 @@
 """What pushes on nodes: external forces, viscosity, springs. It sees arrays of nodes and springs, never the map.
 
-    sum_forces      all of it: `start_forces`, then `finish_forces`
-    start_force     what acts on one node by itself, for integrators that go over the nodes anyway: right after a node has moved,
-                    its rows are at hand, and to fetch them again would take a third of what nodes take
+    start_force     what acts on one node by itself
+    finish_forces   what depends on more than one node, or goes over them once more
+    sum_forces      all of it: the first for each node, then the second
 
-A new term, or a faster way to add an old one, is a change in this file. A term that the scene does not name has arrays without
+Integrators that go over the nodes anyway call the first right after they have moved one, while its rows are at hand: to fetch
+them again would take a third of what nodes take. So a new term, which is a change in this file, goes into one of these two. A term that the scene does not name has arrays without
 rows, and costs nothing. The order of all additions is fixed, so equal states give equal bits.
 """
 
@@ -44,5 +45,5 @@ def start_force(nodes, i, state, force):
 
 @part
 def finish_forces(nodes, springs, n_nodes, n_springs, state, force):
-    """Add to forces that have been started all that depends on more than one node."""
+    """Add all else to forces that have been started."""
     add_spring_forces(springs, n_springs, state, force)

@@ -8,25 +8,26 @@ two sets; what is equal, and what has which hash, stays as it is.
 from typing import Any
 
 from numba.core.compiler import Flags
-
-listed: Any = Flags.__eq__
-"""numba's own comparison."""
+from numba.core.targetconfig import TargetConfig
 
 
 def compare_quickly() -> None:
     """Let numba compare flags by what is set, if it keeps that where it did when this was written."""
     if not hasattr(Flags, "_values") or not hasattr(Flags, "options"):
         return
-    # The hash of numba's own is that of the names of all options, the same for all flags.
+    # numba's own is that of the names of all options, the same for all flags.
     constant = hash(Flags())
     quickly: Any = Flags
-    quickly.__eq__, quickly.__hash__ = is_equal, lambda flags: constant
+    quickly.__eq__ = is_equal
+    quickly.__hash__ = lambda flags: constant if type(flags) is Flags else TargetConfig.__hash__(flags)
 
 
 def is_equal(flags: Any, other: Any) -> Any:
     """Return whether two sets of flags have the same options."""
-    if type(flags) is not type(other):
-        return listed(flags, other)
+    if type(flags) is not Flags or type(other) is not Flags:
+        return TargetConfig.__eq__(flags, other)
     mine, others = flags._values, other._values
     # What is set may be set to its default.
-    return mine == others or all(getattr(flags, name) == getattr(other, name) for name in mine.keys() | others.keys())
+    return mine == others or all(
+        getattr(flags, name) == getattr(other, name) for name in mine.keys() | others.keys() if name in Flags.options
+    )

@@ -79,7 +79,7 @@ def next_substeps(matter, n_taken, n_substeps, step, tolerance):
 def motion_ahead(matter, seconds):
     """Return how far the fastest node can come in so many seconds at its velocity and its acceleration [m]."""
     nodes = matter.nodes
-    # What a scheme leaves in the forces are not those of the state.
+    # The forces that a scheme leaves need not be those of the state.
     sum_forces(nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS], nodes.state, nodes.force)
     farthest = 0.0
     for i in range(matter.counts[N_NODES]):

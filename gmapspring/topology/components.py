@@ -25,7 +25,7 @@ class Suspects(NamedTuple):
     tetrahedra: np.ndarray
     """The two sides of each face one after the other, (2 k,)."""
     piece: np.ndarray
-    """Another one that shares a vertex with it, or itself; see `root`."""
+    """Another one that hangs together with it by vertices they share, or itself; see `root`."""
     cause: np.ndarray
     """Another one that was connected to it by what has been opened or removed, or that hangs together with it, or itself."""
 
@@ -188,8 +188,8 @@ class Walks(NamedTuple):
 def walk_apart(gmap, room, seeds):
     """Walk from tetrahedra of one component in turn, until all walks but one have met another or ended.
 
-    Returns the seeds of those that ended: one of each piece but a last one, the largest or nearly so. The cost is that of the
-    pieces that came off and of the ways on which others meet, not of the body.
+    Returns the seeds of those that ended: one of each piece but a last one. The cost is that of the pieces that came off and of
+    the ways on which others meet, not of the body.
     """
     n_seeds = len(seeds)
     lists, following = take_lists(room, 5, n_seeds), take(room, 64 + n_seeds)
@@ -228,7 +228,8 @@ def go_on(gmap, walks, walk, following, n_found, first_stamp):
     for face in range(4):
         there = neighbour(gmap.image, here, face) >> 2
         finder = np.int64(gmap.mark[there]) - first_stamp
-        if finder < 0:
+        # A mark may be higher where a row of a batch has begun its stamps anew as a smaller body.
+        if finder < 0 or finder >= len(walks.group):
             gmap.mark[there], gmap.queue[n_found], following[n_found] = first_stamp + walk, there, -1
             append(walks, walk, following, n_found, n_found)
             n_found += 1

@@ -6,8 +6,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 import gmapspring as gs
-from gmapspring.cut import cut
+from gmapspring.cut import cut, sew_face
 from gmapspring.topology.gmap import STAMP
+from gmapspring.topology.walks import LAST_STAMP
 
 MATERIAL = gs.Material(young_modulus=5e3, density=1e3)
 
@@ -36,12 +37,13 @@ def sewn_pairs(body):
 
 @pytest.mark.parametrize("n_faces", [1, 6, 40, 150])
 @pytest.mark.parametrize("n_removed", [0, 1, 12])
-def test_labels_are_those_of_scipy_until_all_has_been_cut(n_faces, n_removed):
+@pytest.mark.parametrize("is_sewn", [False, True])
+def test_labels_are_those_of_scipy_until_all_has_been_cut(n_faces, n_removed, is_sewn):
     body = gs.Simulation(gs.meshes.box((8, 7, 6)), MATERIAL).body
     rng = np.random.default_rng(n_faces + 1000 * n_removed)
     seen = set(np.unique(body.gmap.component_of).tolist())
     n_came_off = 0
-    for _ in range(3000 // n_faces if n_faces > 1 else 200):
+    for _ in range(min(3000 // n_faces, 200)):
         pairs = sewn_pairs(body)
         if not len(pairs):
             break
@@ -50,12 +52,21 @@ def test_labels_are_those_of_scipy_until_all_has_been_cut(n_faces, n_removed):
             pairs = pairs[np.argsort(pairs.sum(axis=1))[:40]]
         chosen = pairs[rng.permutation(len(pairs))[:n_faces]]
         removed = rng.permutation(np.flatnonzero(body.is_alive))[:n_removed]
+        if is_sewn:
+            # The last stamps there are, or nearly: while pieces are looked for they begin anew.
+            body.gmap.mark[:], body.gmap.counts[STAMP] = 0, LAST_STAMP - rng.integers(200 * n_faces)
         report = cut(body, chosen, removed)
         new = set(report.new_components.tolist())
         assert not new & seen and new <= set(body.gmap.component_of.tolist())
         seen |= new
         n_came_off += len(new)
         check_labels(body)
+        if is_sewn:
+            for one, other in chosen[: n_faces // 4]:
+                if body.is_alive[one] and body.is_alive[other]:
+                    sew_face(body, one, other)
+            check_labels(body)
+            seen |= set(body.gmap.component_of.tolist())
     assert n_came_off > 10
 
 
@@ -67,6 +78,14 @@ def test_what_a_piece_held_together_comes_apart_with_it():
     slab = np.digitize(x, [10.0, 14.0])
     report = cut(body, pairs[slab[pairs[:, 0]] != slab[pairs[:, 1]]])
     assert len(report.new_components) == 2
+    check_labels(body)
+
+
+def test_marks_that_are_higher_than_all_stamps_are_no_walk_s():
+    # A row of a batch has them where its stamps began anew while it was a smaller body.
+    body = gs.Simulation(gs.meshes.box((8, 7, 6)), MATERIAL).body
+    body.gmap.mark[:], body.gmap.counts[STAMP] = LAST_STAMP, 0
+    cut(body, isolating(body, [3, 500, 900]))
     check_labels(body)
 
 
@@ -94,5 +113,5 @@ def test_cuts_here_and_there_look_at_what_lies_about_them_alone(kind):
     n_seen = np.count_nonzero(body.gmap.mark > before)
     check_labels(body)
     assert len(np.unique(body.gmap.component_of[body.is_alive])) == (13 if kind == "freed" else 1)
-    # A vertex has 24 tetrahedra about it, and a tetrahedron with its neighbours a good hundred.
-    assert n_seen < 12 * 150 < body.mesh.n_tetrahedra / 20
+    # Those about its corners alone are some seventy.
+    assert n_seen < 12 * 75 < body.mesh.n_tetrahedra / 50

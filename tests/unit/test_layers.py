@@ -5,7 +5,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from agents.layers import Graph, Meeting, Met, exchange, meet, score  # noqa: E402
+from agents.layers import Company, Graph, Meeting, exchange, meet, score  # noqa: E402
 from agents.segments import segments  # noqa: E402
 
 N_LANES = 3
@@ -48,8 +48,8 @@ def meeting_case(rng, n):
         # As columns of a wider table.
         return Meeting(segments(np.append(0, np.cumsum(counts))), sides, places.to(dtype)[:, 1:4])
 
-    def fast(own, *met):
-        return meet(1.0 * own, Met(*met), at(own.dtype))
+    def fast(own, *company):
+        return meet(1.0 * own, Company(*company), at(own.dtype))
 
     def slow(own, state, sides, centres, distant):
         first, second = sides.split(N_LANES, 1)

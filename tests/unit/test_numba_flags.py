@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from numba.core.compiler import Flags
-from numba.core.targetconfig import TargetConfig
+from numba.core.targetconfig import Option, TargetConfig
 
 from gmapspring import jit, numba_flags
 
@@ -32,6 +32,21 @@ def test_numba_compares_flags_as_it_did():
         assert hash(one) == hash(other) == TargetConfig.__hash__(one)
         n_equal += one == other
     assert 7 < n_equal < 49
+
+
+class MoreFlags(Flags):
+    """Flags with an option more."""
+
+    is_other = Option(type=bool, default=False, doc="an option that flags do not have")
+
+
+def test_flags_of_another_kind_are_compared_and_hashed_by_numba():
+    more = MoreFlags()
+    more.is_other = True
+    copied = Flags(copy_from=more)  # sets what flags do not have
+    for one, other in itertools.product([Flags(), more, MoreFlags(), copied], repeat=2):
+        assert (one == other) is TargetConfig.__eq__(one, other)
+        assert hash(one) == TargetConfig.__hash__(one)
 
 
 def test_what_is_no_flags_is_not_equal():
