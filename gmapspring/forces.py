@@ -5,8 +5,9 @@
     sum_forces      all of it: the first for each node, then the second
 
 Integrators that go over the nodes anyway call the first right after they have moved one, while its rows are at hand: to fetch
-them again would take a third of what nodes take. So a new term, which is a change in this file, goes into one of these two. A term that the scene does not name has arrays without
-rows, and costs nothing. The order of all additions is fixed, so equal states give equal bits.
+them again would take a third of what nodes take. So a new term, which is a change in this file, goes into one of these two.
+A term that the scene does not name has arrays without rows, and costs nothing. The order of all additions is fixed, so equal
+states give equal bits.
 """
 
 from gmapspring.jit import part

@@ -26,7 +26,7 @@ class Nodes(NamedTuple):
     state: np.ndarray
     """Rows [x y z 0 u v w 0]: position [m] and velocity [m/s], shape (capacity, 8)."""
     force: np.ndarray
-    """Scratch of the force kernels [N], shape (capacity, 4): between steps perhaps no more than what acts on nodes by themselves."""
+    """Scratch of the force kernels [N], shape (capacity, 4); between steps springs may be left out."""
     external: np.ndarray
     """Constant force: weight and loads [N], shape (capacity, 4), or (0, 4) where the scene names neither."""
     mass: np.ndarray
