@@ -88,7 +88,8 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         self.reward_weights = reward_weights(reward)
         self.scenes = play_list(scene, split)
         self._stages: StageCache[Stage] = StageCache()
-        self._stage = self._stage_of(0)
+        self._stage = build_stage(self.scenes[0])
+        self._stages.keep(0, self._stage, self._stage.task.table.n_tetrahedra)
         table = self.task.table
         self.action_space = spaces.Discrete(table.n_actions)
         self.observation_space = space = observation_space(table.n_faces, table.n_tetrahedra)
@@ -224,7 +225,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         """Return a scene of the list, ready to be played."""
         stage = self._stages.get(index)
         if stage is None:
-            stage = build_stage(self.scenes[index])
+            stage = self._fitting(build_stage(self.scenes[index]))
             self._stages.keep(index, stage, stage.task.table.n_tetrahedra)
         return stage
 
@@ -232,11 +233,14 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         """Return a scene from outside the list, ready to be played, or raise where it does not fit the spaces."""
         if scene is self.scene:
             return self._stage
-        stage = build_stage(scene)
-        mine, other = self.task.table, stage.task.table
+        return self._fitting(build_stage(scene))
+
+    def _fitting(self, stage: Stage) -> Stage:
+        """Return a stage, or raise where it does not fit the spaces, which are those of the first one."""
+        mine, other = self._stage.task.table, stage.task.table
         if (mine.n_faces, mine.n_tetrahedra) != (other.n_faces, other.n_tetrahedra):
             raise ConfigError(
-                f"scene {scene.name!r} has {other.n_faces} interior faces and {other.n_tetrahedra} tetrahedra, but this "
-                f"environment was made for {mine.n_faces} and {mine.n_tetrahedra}; make another one for it"
+                f"scene {stage.task.scene.name!r} has {other.n_faces} interior faces and {other.n_tetrahedra} tetrahedra, but "
+                f"this environment was made for {mine.n_faces} and {mine.n_tetrahedra}; make another one for it"
             )
         return stage

@@ -47,7 +47,7 @@ class ResectionState(NamedTuple):
     row: SavedRow
     """Body and episode, topology included."""
 
-    kind: tuple[int, int, str]
+    kind: tuple[int, int, str, bool, bool]
     """Tetrahedra, actions and precision of the task that it was taken from."""
 
     time: float
@@ -90,7 +90,7 @@ class Resection:
         """What ends a settling early [m], or None."""
         self.outcome: str | None = None
         """None, "separated" or the reason of a collapse, as judged when the body last settled."""
-        self._kind = (mesh.n_tetrahedra, self.table.n_actions, physics.dtype)
+        self._kind = (mesh.n_tetrahedra, self.table.n_actions, physics.dtype, physics.viscosity > 0, physics.damping > 0)
         self._known_table: Any = None
         self._act(int(BEGIN))
         self._rest = self.save_state()
@@ -228,7 +228,7 @@ class Resection:
     def load_state(self, state: ResectionState) -> None:
         """Go back to a snapshot of the same scene under the same load."""
         if state.kind != self._kind:
-            kinds = f"{state.kind}, not of {self._kind} (tetrahedra, actions, precision)"
+            kinds = f"{state.kind}, not of {self._kind} (tetrahedra, actions, precision, viscosity, damping)"
             raise StateFileError(f"the state belongs to a task of {kinds}")
         simulation = self.simulation
         layout = LAYOUTS[type(simulation.body.real)]

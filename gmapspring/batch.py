@@ -18,7 +18,7 @@ from gmapspring.body import Body, BodyArrays, Material
 from gmapspring.errors import CapacityError
 from gmapspring.matter import Matter, Nodes, Springs, Tetrahedra, empty_matter, empty_nodes, empty_springs, no_matter
 from gmapspring.mesh import Mesh
-from gmapspring.simulation import Simulation, substeps_for
+from gmapspring.simulation import Simulation, check_tolerance, substeps_for
 from gmapspring.stability import check_step
 from gmapspring.threads import Threads
 from gmapspring.topology.build import empty_gmap
@@ -84,6 +84,8 @@ class BodyBatch:
         n_tetrahedra: how large a body each row has room for, by default the largest of these; n_threads: over how many
         threads the rows are spread.
         """
+        if not simulations:
+            raise ValueError("a batch needs at least one simulation")
         first = simulations[0]
         largest = max(simulations, key=lambda simulation: simulation.body.mesh.n_tetrahedra).body
         self.integrator = first.integrator
@@ -128,6 +130,8 @@ class BodyBatch:
 
     def put(self, row: int, simulation: Simulation) -> None:
         """Let a row go on from a copy of a simulation as it stands."""
+        if not 0 <= row < len(self.bodies):
+            raise ValueError(f"there is no row {row}: the batch has rows 0 to {len(self.bodies) - 1}")
         self.bodies[row] = self._placed(row, simulation)
 
     def advance(self, seconds: float | np.ndarray, step: float | np.ndarray | None = None,
@@ -141,6 +145,7 @@ class BodyBatch:
         seconds = np.broadcast_to(np.asarray(seconds, np.float64), (n_rows,))
         longest = np.broadcast_to(self.default_steps if step is None else step, (n_rows,))
         self._check(seconds, longest)
+        check_tolerance(rest_tolerance)
         n_substeps = substeps_for(seconds, longest).astype(np.int64)
         steps = seconds / np.maximum(n_substeps, 1)
         tolerances = np.full(n_rows, -1.0 if rest_tolerance is None else rest_tolerance)

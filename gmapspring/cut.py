@@ -86,7 +86,7 @@ class CutReport:
 
     @property
     def new_components(self) -> np.ndarray:
-        """Labels of the pieces that came off, (k,)."""
+        """Labels in body.gmap.component_of of the pieces that came off, (k,); `components` numbers pieces anew."""
         return self._part(5)
 
     def _part(self, number: int) -> np.ndarray:
@@ -214,6 +214,12 @@ def _listed(values: Iterable, name: str) -> list:
 def _check_each_stays_manifold(body: Body, pairs: np.ndarray, removed: np.ndarray) -> None:
     """Cut in ascending order, checking each time that the body stays manifold; undo all, and raise where it would not."""
     slots = sorted({face_slot(body, tet_a, tet_b) for tet_a, tet_b in pairs.tolist()})
+    if len(slots) + len(removed) == 1:  # nothing to undo: no copy of the body is needed
+        for tetrahedron in removed.tolist():
+            check_stays_manifold(body.gmap, live_tetrahedron(body, tetrahedron), -1)
+        for slot in slots:
+            check_stays_manifold(body.gmap, slot // 4, slot % 4)
+        return
     before = save_arrays(body)
     try:
         for slot in slots:

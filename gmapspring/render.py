@@ -55,7 +55,13 @@ def render_surface(
         raise ValueError(f"triangles name points {triangles.min()} to {triangles.max()} of {len(points)}")
     if normals is None:
         normals = shading.corner_normals(points, triangles, np.zeros(len(triangles), np.bool_))
-    surface = Surface(points, triangles, np.asarray(colors, np.float64), np.asarray(normals, np.float64))
+    colors, normals = np.asarray(colors, np.float64), np.asarray(normals, np.float64)
+    n = len(triangles)
+    if colors.shape not in ((n, 3), (n, 3, 3)):
+        raise ValueError(f"colors must be ({n}, 3), one for each triangle, or ({n}, 3, 3), one a corner, not {colors.shape}")
+    if normals.shape != (n, 3, 3):
+        raise ValueError(f"normals must be ({n}, 3, 3), one for each corner of each triangle, not {normals.shape}")
+    surface = Surface(points, triangles, colors, normals)
     return draw(surface, camera or Camera.fit(points, aspect=size[0] / size[1]), size)
 
 

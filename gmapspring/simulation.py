@@ -13,7 +13,7 @@ from gmapspring.body import Body, Material, build_body, own_matter
 from gmapspring.choice import Choice, choose
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
-from gmapspring.errors import DivergenceError
+from gmapspring.errors import DivergenceError, StabilityError
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.mesh import Mesh
 from gmapspring.snapshot import Snapshot, load_arrays, name_loads, save_arrays
@@ -22,6 +22,8 @@ from gmapspring.validity import check_body
 
 ONE_ROW, NEVER = np.zeros(1, np.int64), np.full(1, -1.0)
 """The only row of a body's own table; a tolerance at which nothing ends early."""
+MOST_SUBSTEPS = 1e9
+"""More of them in one call would take days."""
 
 
 class SimulationState(NamedTuple):
@@ -83,8 +85,7 @@ class Simulation:
             raise ValueError(f"seconds must be finite and not negative, not {seconds}")
         longest = self.default_step if step is None else step
         stability.check_step(longest, self.stable_step, self.integrator.name)
-        if rest_tolerance is not None and not rest_tolerance >= 0.0:
-            raise ValueError(f"rest_tolerance must not be negative, not {rest_tolerance}")
+        check_tolerance(rest_tolerance)
         n_substeps = int(substeps_for(seconds, longest))
         tolerance = NEVER if rest_tolerance is None else np.array([rest_tolerance])
         return self._take_substeps(seconds / n_substeps, n_substeps, tolerance) if n_substeps else 0
@@ -184,7 +185,20 @@ class Simulation:
 def substeps_for(seconds, longest):
     """Return how many equal substeps, none longer than the longest [s], some seconds take, one number or an array, as floats."""
     # A whole number of steps up to round-off must not become one more; where any step will do, one is taken.
-    return np.maximum(np.ceil(seconds / longest * (1.0 - 1e-12)), np.greater(seconds, 0.0))
+    with np.errstate(over="ignore"):
+        n_substeps = np.maximum(np.ceil(seconds / longest * (1.0 - 1e-12)), np.greater(seconds, 0.0))
+    if np.max(n_substeps, initial=0.0) > MOST_SUBSTEPS:
+        raise StabilityError(
+            f"{np.max(seconds):g} s in steps of {np.min(longest):g} s would take {np.max(n_substeps):.3g} substeps, above "
+            f"{MOST_SUBSTEPS:g}; simulate less time at once, or a body that is less stiff, less damped or heavier"
+        )
+    return n_substeps
+
+
+def check_tolerance(rest_tolerance: float | None) -> None:
+    """Raise ValueError for a rest tolerance that is none."""
+    if rest_tolerance is not None and not rest_tolerance >= 0.0:
+        raise ValueError(f"rest_tolerance must not be negative, not {rest_tolerance}")
 
 
 def _pinned_mask(pinned: np.ndarray | None, mesh: Mesh) -> np.ndarray:

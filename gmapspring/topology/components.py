@@ -11,7 +11,7 @@ from gmapspring.topology.room import take, take_lists
 from gmapspring.topology.walks import next_stamps, sort, walk_component, walk_smaller_side
 
 MANY = 8
-"""To walk through the whole body is faster where it may have come apart at more than every so-many-th of its tetrahedra."""
+"""To walk through the whole body once is faster where more than every so-many-th of its tetrahedra is looked at otherwise."""
 HALF, LOWER = 32, 2**32 - 1
 """Where two numbers share one, the first is in its upper half."""
 
@@ -113,13 +113,15 @@ def relabel_components(gmap, room, opened):
     what it has held together may have come apart too: the two causes become one, and are asked again.
     """
     suspects = find_suspects(gmap, room, opened)
-    if MANY * len(suspects.tetrahedra) > len(gmap.component_of):
-        return relabel_all(gmap, room)
-    unite_suspects(gmap, room, suspects)
     first_label, is_open = gmap.counts[N_LABELS], len(suspects.tetrahedra) > 0
-    while is_open:
-        part_causes(gmap, room, suspects, first_label)
-        is_open = unite_causes(gmap, room, suspects, first_label)
+    limit = len(gmap.component_of) // MANY - len(suspects.tetrahedra)
+    if limit >= 0:
+        unite_suspects(gmap, room, suspects)
+    while is_open and limit >= 0:
+        limit -= part_causes(gmap, room, suspects, first_label, limit)
+        is_open = limit >= 0 and unite_causes(gmap, room, suspects, first_label)
+    if limit < 0:
+        relabel_all(gmap)
     labels = take(room, gmap.counts[N_LABELS] - first_label)
     for i in range(len(labels)):
         labels[i] = first_label + i
@@ -127,8 +129,11 @@ def relabel_components(gmap, room, opened):
 
 
 @part
-def part_causes(gmap, room, suspects, first_label):
-    """Give a new label to each piece but one of those that one cause has held together and that have no new label yet."""
+def part_causes(gmap, room, suspects, first_label, limit):
+    """Give a new label to each piece but one of those that one cause has held together and that have no new label yet.
+
+    Returns how many tetrahedra were found on the way; past the limit it gives up.
+    """
     tetrahedra, n = suspects.tetrahedra, len(suspects.tetrahedra)
     lists = take_lists(room, 3, n)
     first, following, seeds = lists[0], lists[1], lists[2]  # a chain of suspects for each cause, ended by -1; what is walked from
@@ -138,6 +143,7 @@ def part_causes(gmap, room, suspects, first_label):
         if suspects.piece[i] == i and gmap.component_of[tetrahedra[i]] >= 0:
             cause = root(suspects.cause, i)
             following[i], first[cause] = first[cause], i
+    n_found = 0
     for cause in range(n):
         i, n_seeds = first[cause], 0
         while i >= 0:
@@ -145,11 +151,14 @@ def part_causes(gmap, room, suspects, first_label):
                 seeds[n_seeds] = tetrahedra[i]
                 n_seeds += 1
             i = following[i]
-        if n_seeds > 1:
-            for piece in walk_apart(gmap, room, seeds[:n_seeds]):
+        if n_seeds > 1 and n_found <= limit:
+            ended, n_more = walk_apart(gmap, room, seeds[:n_seeds], limit - n_found)
+            n_found += n_more
+            for piece in ended:
                 for member in gmap.queue[: walk_component(gmap, piece, gmap.queue)]:
                     gmap.component_of[member] = gmap.counts[N_LABELS]
                 gmap.counts[N_LABELS] += 1
+    return n_found
 
 
 @part
@@ -185,11 +194,11 @@ class Walks(NamedTuple):
 
 
 @part
-def walk_apart(gmap, room, seeds):
-    """Walk from tetrahedra of one component in turn, until all walks but one have met another or ended.
+def walk_apart(gmap, room, seeds, limit):
+    """Walk from tetrahedra of one component in turn, until all walks but one have met another or ended, or past the limit.
 
-    Returns the seeds of those that ended: one of each piece but a last one. The cost is that of the pieces that came off and of
-    the ways on which others meet, not of the body.
+    Returns the seeds of those that ended, one of each piece but a last one, and how many tetrahedra were found. These are the
+    pieces that came off and the ways on which others meet, and as much of the last piece, but not all of the body.
     """
     n_seeds = len(seeds)
     lists, following = take_lists(room, 5, n_seeds), take(room, 64 + n_seeds)
@@ -199,7 +208,7 @@ def walk_apart(gmap, room, seeds):
         gmap.mark[seeds[i]], gmap.queue[i] = first_stamp + i, seeds[i]
         walks.group[i], walks.head[i], walks.tail[i], turn[i], following[i] = i, i, i, i, -1
     n_found, n_turns, n_walking, n_ended = n_seeds, n_seeds, n_seeds, np.int64(0)
-    while n_walking > 1:
+    while n_walking > 1 and n_found <= limit:
         n_kept = np.int64(0)
         for walk in turn[:n_turns]:
             if walks.group[walk] != walk or n_walking == 1:
@@ -216,7 +225,7 @@ def walk_apart(gmap, room, seeds):
             turn[n_kept] = walk
             n_kept += 1
         n_turns = n_kept
-    return ended[:n_ended]
+    return ended[:n_ended], n_found
 
 
 @part
@@ -264,15 +273,13 @@ def lengthened(numbers):
 
 
 @part
-def relabel_all(gmap, room):
+def relabel_all(gmap):
     """Do the same by walking through the whole body, which is faster once much of it has been cut.
 
     Of the pieces of one component the first keeps its label; the others get new ones in the order of their lowest tetrahedra.
     """
     is_taken = np.zeros(gmap.counts[N_LABELS], dtype=np.bool_)
     is_found = np.zeros(len(gmap.component_of), dtype=np.bool_)
-    labels = take(room, len(gmap.component_of))
-    n_labels = np.int64(0)
     for seed in range(len(gmap.component_of)):
         if gmap.component_of[seed] < 0 or is_found[seed]:
             continue
@@ -280,14 +287,11 @@ def relabel_all(gmap, room):
         if is_taken[label]:
             label = gmap.counts[N_LABELS]
             gmap.counts[N_LABELS] += 1
-            labels[n_labels] = label
-            n_labels += 1
         else:
             is_taken[label] = True
         for member in gmap.queue[: walk_component(gmap, seed, gmap.queue)]:
             gmap.component_of[member] = label
             is_found[member] = True
-    return labels[:n_labels]
 
 
 @part

@@ -86,3 +86,10 @@ def test_a_snapshot_of_another_task_is_refused(env):
     other = ResectEnv(small_scene(cells=(2, 2, 1)))
     with pytest.raises(StateFileError, match=r"belongs to a task of \(24, "):
         env.task.load_state(other.task.save_state())
+
+
+@pytest.mark.parametrize("change", [{"viscosity": 0.0}, {"damping": 0.01}])
+def test_a_snapshot_of_a_task_with_other_forces_is_refused(env, change):
+    other = ResectEnv(small_scene(physics=small_scene().physics.model_copy(update=change)))
+    with pytest.raises(StateFileError, match=r"belongs to a task of \(48, "):
+        env.task.load_state(other.task.save_state())

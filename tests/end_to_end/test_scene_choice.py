@@ -86,6 +86,15 @@ def test_options_change_a_scene_for_one_episode(env):
     assert env.scene.certificate is None and env.optimum > 0.0
 
 
+def test_scenes_of_a_list_must_be_of_one_size():
+    env = ResectEnv([small_scene(), small_scene(cells=(2, 2, 1))])
+    first, _ = env.reset(seed=0, options={"index": 0})
+    with pytest.raises(ConfigError, match=r"this environment was made for 72 and 48"):
+        env.reset(options={"index": 1})
+    again, _ = env.reset(options={"index": 0})
+    assert all(np.array_equal(first[key], again[key]) for key in first)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

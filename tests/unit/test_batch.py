@@ -126,6 +126,29 @@ def test_a_row_can_go_on_from_another_simulation():
         assert_same_bits(bits_of(sims[row]), bits_of(Row(batch, row, sims[row])))
 
 
+def test_a_row_that_is_not_there_is_refused_with_nothing_changed():
+    sims = simulations()[:2]
+    batch = BodyBatch(sims, n_tetrahedra=max(sim.body.mesh.n_tetrahedra for sim in sims))
+    for row in (-1, 2):
+        with pytest.raises(ValueError, match=rf"there is no row {row}: the batch has rows 0 to 1"):
+            batch.put(row, sims[0])
+    assert_same_bits(bits_of(sims[1]), bits_of(Row(batch, 1, sims[1])))
+    with pytest.raises(ValueError, match="at least one simulation"):
+        BodyBatch([])
+
+
+@pytest.mark.parametrize("tolerance", [-1.0, np.nan])
+def test_a_batch_refuses_what_a_simulation_refuses(tolerance):
+    sim = simulations()[0]
+    batch = BodyBatch([sim])
+    for one in (sim, batch):
+        with pytest.raises(ValueError, match="rest_tolerance must not be negative"):
+            one.advance(0.01, rest_tolerance=tolerance)
+        for arguments in ((1e300,), (0.01, 1e-300)):
+            with pytest.raises(StabilityError, match=r"substeps, above 1e\+09; simulate less time"):
+                one.advance(*arguments)
+
+
 def test_a_body_that_might_outgrow_its_row_is_refused_by_the_bound():
     small, large = sorted(simulations(), key=lambda sim: sim.body.mesh.n_tetrahedra)[:: len(zoo.SMALL) - 1]
     batch, n = BodyBatch([small]), small.body.mesh.n_tetrahedra

@@ -81,6 +81,21 @@ def test_what_a_piece_held_together_comes_apart_with_it():
     check_labels(body)
 
 
+def test_stitches_between_two_halves_hold_until_the_last_one_is_cut():
+    # Each stitch is far from all others: to find that they hold together takes a walk round to the last one that is left.
+    body = gs.Simulation(gs.meshes.box((12, 12, 12)), MATERIAL).body
+    x = body.mesh.points[body.mesh.tetrahedra].mean(axis=1)[:, 0]
+    pairs = sewn_pairs(body)
+    across = pairs[(x[pairs] > 6.0).sum(axis=1) == 1]
+    is_stitch = np.arange(len(across)) % 9 == 0
+    cut(body, across[~is_stitch])
+    stitches = across[is_stitch]
+    assert not len(cut(body, stitches[:-1]).new_components)
+    check_labels(body)
+    assert len(cut(body, stitches[-1:]).new_components) == 1
+    check_labels(body)
+
+
 def test_marks_that_are_higher_than_all_stamps_are_no_walk_s():
     # A row of a batch has them where its stamps began anew while it was a smaller body.
     body = gs.Simulation(gs.meshes.box((8, 7, 6)), MATERIAL).body

@@ -149,3 +149,18 @@ def test_normals_are_smooth_on_a_ball_and_sharp_on_a_box():
 def test_normals_of_triangles_without_area_are_finite():
     normals = corner_normals(np.zeros((3, 3)), np.array([[0, 1, 2]], dtype=np.int32), np.ones(1, np.bool_))
     np.testing.assert_array_equal(normals[0], [(0, 0, 1)] * 3)
+
+
+@pytest.mark.parametrize(
+    ("colors", "normals", "message"),
+    [
+        (np.zeros((1, 3)), None, r"colors must be \(2, 3\), one for each triangle, or \(2, 3, 3\), one a corner, not \(1, 3\)"),
+        (np.zeros((2, 2)), None, "colors must be"),
+        (np.zeros((2, 3, 2)), None, "colors must be"),
+        (np.zeros((2, 3)), np.zeros((1, 3, 3)), r"normals must be \(2, 3, 3\)"),
+    ],
+)
+def test_colors_and_normals_of_another_shape_are_refused(colors, normals, message):
+    points = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)])
+    with pytest.raises(ValueError, match=message):
+        render.render_surface(points, [[0, 1, 2], [1, 3, 2]], colors, normals, FRONT, SIZE)
