@@ -68,9 +68,10 @@ class Simulation:
         embed_all(self.body.table, 0, self.body.real)
         if loads is not None:
             self.set_loads(loads)
-        self.stable_step = stability.stable_step(self.body, self.integrator)
+        limits = stability.element_limits(mesh, self.body.tetrahedra)
+        self.stable_step = self.integrator.stable_step(limits)
         """The largest substep [s] whose small motions are proven stable, for this body and every body cut from it."""
-        self.default_step = stability.default_step(self.body, self.integrator) if choice.step is None else choice.step
+        self.default_step = self.integrator.default_step(limits) if choice.step is None else choice.step
         """The substep [s] that `advance` takes where none is asked for; see Integrator.default_step, choice.choose."""
 
     def advance(self, seconds: float, step: float | None = None, rest_tolerance: float | None = None) -> int:

@@ -131,11 +131,6 @@ def stable_step(body: Body, integrator: Integrator) -> float:
     return integrator.stable_step(element_limits(body.mesh, body.tetrahedra))
 
 
-def default_step(body: Body, integrator: Integrator) -> float:
-    """Return the step [s] that is taken where none is asked for; see Integrator.default_step."""
-    return integrator.default_step(element_limits(body.mesh, body.tetrahedra))
-
-
 def check_step(step: float, stable: float, scheme: str, where: str = "") -> None:
     """Raise unless a step [s] can be taken where so long a one is stable."""
     if stable == 0.0:
