@@ -274,7 +274,7 @@ def lengthened(numbers):
 
 @part
 def relabel_all(gmap):
-    """Do the same by walking through the whole body, which is faster once much of it has been cut.
+    """Give new labels by walking through the whole body, which is faster once much of it has been cut.
 
     Of the pieces of one component the first keeps its label; the others get new ones in the order of their lowest tetrahedra.
     """
