@@ -149,7 +149,7 @@ class _Meet(torch.autograd.Function):
         of_state, of_centres = own.new_zeros(len(centres), n_lanes), torch.zeros_like(centres)
         of_distant, offset = torch.zeros_like(distant), at.states.offset
         _meet_back(*_arrays(slope.contiguous(), own, rise, of_state, of_sides), offset, at.sides.numpy())
-        _draw_near(*_arrays(rise, rise @ distant.t(), centres, at.places, of_centres, of_distant), offset)
+        _distances_back(*_arrays(rise, rise @ distant.t(), centres, at.places, of_centres, of_distant), offset)
         return rise, of_state, of_sides, of_centres, of_distant, None
 
 
@@ -200,7 +200,7 @@ def _meet_back(slope, met, rise, of_state, of_sides, offset, sides):
 
 
 @kernel
-def _draw_near(rise, of_squares, centres, places, of_centres, of_distant, offset):
+def _distances_back(rise, of_squares, centres, places, of_centres, of_distant, offset):
     """Hand the slope on to what distances are worth and to the centres, given that of the squared distances."""
     for state in range(len(centres)):
         for row in range(offset[state], offset[state + 1]):

@@ -176,6 +176,8 @@ class BodyBatch:
             )
         check_capacity(self.n_tetrahedra, body.mesh.n_tetrahedra, f"row {row}")
         self.arena.put(row, self.arena.tenancy(body.table[0], body), body.table, 0)
+        # A smaller body may have begun its stamps anew, and has left alone the marks of a larger one before it.
+        self.arrays.gmap.mark[row] = 0
         self.stable_steps[row], self.default_steps[row] = simulation.stable_step, simulation.default_step
         arrays = self.arena.view(row, BodyArrays(body.matter, body.gmap, body.room))
         return RowBody(body.mesh, body.material, arrays, self.table[row: row + 1])

@@ -24,14 +24,14 @@ def sum_forces(nodes, springs, n_nodes, n_springs, state, force):
 
 @part
 def start_forces(nodes, n_nodes, state, force):
-    """Set forces to what acts on nodes by themselves."""
+    """Set force (capacity, 4) [N] to what acts on nodes by themselves in a state (capacity, 8)."""
     for i in range(n_nodes):
         start_force(nodes, i, state, force)
 
 
 @part
 def start_force(nodes, i, state, force):
-    """Set a node's force to weight and loads, less viscosity * velocity, where the scene names them."""
+    """Set row i of force (capacity, 4) [N] to weight and loads, less viscosity * velocity, where the scene names them."""
     external, viscosity = nodes.external, nodes.viscosity
     number = force.dtype.type
     if viscosity.shape[0] > 0:
@@ -46,5 +46,5 @@ def start_force(nodes, i, state, force):
 
 @part
 def finish_forces(nodes, springs, n_nodes, n_springs, state, force):
-    """Add all else to forces that have been started."""
+    """Add to force (capacity, 4) [N], started for the same state (capacity, 8), all else that pushes on the nodes."""
     add_spring_forces(springs, n_springs, state, force)

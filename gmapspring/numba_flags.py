@@ -1,7 +1,7 @@
 """How numba compares the flags that it compiles with: option by option that is set, which takes a fifth off all compiling.
 
 With every call in a function to compile, numba looks for what it has compiled already, under keys that hold the flags. To
-compare two keys it lists all thirty options of both, tens of thousands of times. Here only those are looked at that one of the
+compare two keys it lists all 22 options of both, tens of thousands of times. Here only those are looked at that one of the
 two sets; what is equal, and what has which hash, stays as it is.
 """
 
@@ -17,9 +17,9 @@ def compare_quickly() -> None:
         return
     # numba's own is that of the names of all options, the same for all flags.
     constant = hash(Flags())
-    quickly: Any = Flags
-    quickly.__eq__ = is_equal
-    quickly.__hash__ = lambda flags: constant if type(flags) is Flags else TargetConfig.__hash__(flags)
+    kind: Any = Flags
+    kind.__eq__ = is_equal
+    kind.__hash__ = lambda flags: constant if type(flags) is Flags else TargetConfig.__hash__(flags)
 
 
 def is_equal(flags: Any, other: Any) -> Any:

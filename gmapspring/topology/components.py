@@ -237,8 +237,7 @@ def go_on(gmap, walks, walk, following, n_found, first_stamp):
     for face in range(4):
         there = neighbour(gmap.image, here, face) >> 2
         finder = np.int64(gmap.mark[there]) - first_stamp
-        # A mark may be higher where a row of a batch has begun its stamps anew as a smaller body.
-        if finder < 0 or finder >= len(walks.group):
+        if finder < 0:
             gmap.mark[there], gmap.queue[n_found], following[n_found] = first_stamp + walk, there, -1
             append(walks, walk, following, n_found, n_found)
             n_found += 1

@@ -6,6 +6,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 import gmapspring as gs
+from gmapspring.batch import BodyBatch
 from gmapspring.cut import cut, sew_face
 from gmapspring.topology.gmap import STAMP
 from gmapspring.topology.walks import LAST_STAMP
@@ -96,12 +97,19 @@ def test_stitches_between_two_halves_hold_until_the_last_one_is_cut():
     check_labels(body)
 
 
-def test_marks_that_are_higher_than_all_stamps_are_no_walk_s():
-    # A row of a batch has them where its stamps began anew while it was a smaller body.
-    body = gs.Simulation(gs.meshes.box((8, 7, 6)), MATERIAL).body
-    body.gmap.mark[:], body.gmap.counts[STAMP] = LAST_STAMP, 0
-    cut(body, isolating(body, [3, 500, 900]))
-    check_labels(body)
+def test_a_row_that_was_a_smaller_body_when_its_stamps_began_anew_has_no_old_marks():
+    large, small = (gs.Simulation(gs.meshes.box(cells), MATERIAL) for cells in ((8, 7, 6), (1, 1, 1)))
+    batch = BodyBatch([large])
+    batch.bodies[0].gmap.counts[STAMP] = LAST_STAMP - 5000
+    cut(batch.bodies[0], isolating(batch.bodies[0], [3, 500, 900]))
+    assert batch.arrays.gmap.mark.max() > LAST_STAMP - 5000
+    batch.put(0, small)
+    batch.bodies[0].gmap.counts[STAMP] = LAST_STAMP
+    cut(batch.bodies[0], sewn_pairs(batch.bodies[0])[:1])
+    batch.put(0, large)
+    assert batch.arrays.gmap.mark[0].max() <= batch.bodies[0].gmap.counts[STAMP] < 100
+    cut(batch.bodies[0], isolating(batch.bodies[0], [3, 500, 900]))
+    check_labels(batch.bodies[0])
 
 
 def isolating(body, tetrahedra):
