@@ -14,7 +14,7 @@ CACHE_LINE = 64
 """Bytes."""
 GROUP = 16
 """The spring kernel takes springs in groups of so many at most: their arrays have room for a whole number of groups."""
-BLOCK = 512
+BLOCK = 256
 """Springs between the two passes of the spring kernel: few enough that their nodes are still in the nearest cache."""
 N_NODES, N_SPRINGS = range(2)
 """Places in Matter.counts."""

@@ -9,6 +9,11 @@ multiplication all terms of d . d and d . dv; they are summed by exchanging lane
 the sums of all springs in one vector, with one vector square root and one division for them all. The second pass takes
 the difference again and adds g d to both ends. In one pass each spring would wait for the last one's sums and square root.
 
+Springs that stand next to each other mostly share a node, and whoever adds to a node waits for what was added last. So the
+second pass deals the springs of a block to HANDS hands, and takes one from each hand in turn. However cuts have shuffled the
+springs, those that follow one another come from different parts of the block; their order in memory is the mesh's own, and the
+few nodes of a block stay at hand.
+
 `set_coefficients` is its own readable twin: where numba is switched off, it is the function below as it stands. The vector
 code is written for no processor in particular; every lane is rounded by itself in IEEE arithmetic, so the bits are the same
 for all, and the same as the twin's. What limits it: docs/speed.md.
@@ -23,6 +28,9 @@ from numba.extending import lower_builtin, type_callable
 from gmapspring.jit import part
 from gmapspring.matter import BLOCK
 
+HANDS = 16
+"""Springs of a block that are added to their nodes one after the other lie BLOCK / HANDS apart."""
+STRIDE = BLOCK // HANDS
 WIDE = ir.IntType(64)
 
 
@@ -59,11 +67,12 @@ def set_coefficients(endpoints, rest_length, stiffness, damping, state, start, s
 
 def add_pulls(endpoints, coefficient, state, start, stop, force):
     """Add coefficient[s - start] (x_j - x_i) [N] to end i of springs start <= s < stop, and take it from end j."""
-    for s in range(start, stop):
-        i, j = endpoints[s]
-        pull = coefficient[s - start] * (state[j, :4] - state[i, :4])
-        force[i] += pull
-        force[j] -= pull
+    for first in range(start, min(start + STRIDE, stop)):
+        for s in range(first, stop, STRIDE):
+            i, j = endpoints[s]
+            pull = coefficient[s - start] * (state[j, :4] - state[i, :4])
+            force[i] += pull
+            force[j] -= pull
 
 
 # The same in vectors ----------------------------------------------------------------------------------------------
@@ -100,11 +109,15 @@ def _type_add_pulls(context):
 
 @lower_builtin(add_pulls, *[types.Array] * 3, types.Integer, types.Integer, types.Array)
 def _lower_add_pulls(context, builder, sig, args):
-    """Emit a loop over springs, four lanes at a time."""
+    """Emit loops over springs, four lanes at a time."""
     endpoints, coefficient, state, force = _arrays(context, builder, sig, args, (0, 1, 2, 5))
     start, stop = (context.cast(builder, args[i], sig.args[i], types.intp) for i in (3, 4))
     emit = _Emitter(builder, state.data, endpoints.data)
-    with cgutils.for_range_slice(builder, start, stop, start.type(1)) as (spring, _):
+    stride, one = start.type(STRIDE), start.type(1)
+    end_of_hand = builder.add(start, stride)
+    end_of_hand = builder.select(builder.icmp_signed("<", end_of_hand, stop), end_of_hand, stop)
+    with (cgutils.for_range_slice(builder, start, end_of_hand, one) as (first, _),
+          cgutils.for_range_slice(builder, first, stop, stride) as (spring, _)):
         i, j = emit.ends(spring)
         number = emit.load(coefficient.data, builder.sub(spring, start), 1)
         pull = builder.fmul(emit.shuffle(number, number, [0] * 4), emit.difference(i, j, 4))

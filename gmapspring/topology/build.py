@@ -9,9 +9,6 @@ from gmapspring.topology.darts import CORNER_OF_DART, FACE_CORNERS
 from gmapspring.topology.gmap import EDGE, N_EDGES, N_LABELS, N_TETRAHEDRA, N_VERTICES, NO_DART, VERTEX, GMap, link_faces
 from gmapspring.topology.walks import lowest_dart, walk_component, walk_edge, walk_vertex
 
-HANDS = 16
-"""As many edges that follow one another share no vertex; the spring kernel takes no more at a time."""
-
 
 def empty_gmap(n_tetrahedra: int) -> GMap:
     """Make the arrays of a map, every face free and no cell numbered; untouched rows cost no memory until used."""
@@ -35,7 +32,7 @@ def build_gmap(tetrahedra: np.ndarray, n_points: int) -> GMap:
     """Build the map of positively oriented tetrahedra, int (n, 4), gluing those that share three points.
 
     Vertex numbers are the points' own; where the tetrahedra at a point are not connected through faces, the point becomes several
-    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts, then dealt out.
+    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts.
     """
     gmap = empty_gmap(len(tetrahedra))
     corners = np.ascontiguousarray(tetrahedra, dtype=np.int64)
@@ -115,7 +112,6 @@ def number_cells(table, row, real, corners, n_points):
         for corner in range(4):
             if gmap.vertex_of[tetrahedron, corner] < 0:
                 number_vertex(gmap, 4 * tetrahedron + corner, corners[tetrahedron, corner])
-    deal_edges(gmap)
 
 
 @part
@@ -140,28 +136,3 @@ def number_vertex(gmap, code, point):
     for member in gmap.queue[:n_members]:
         gmap.vertex_of[member >> 2, member & 3] = number
     recount_link(gmap, number, gmap.queue, np.int64(0), n_members)
-
-
-@part
-def deal_edges(gmap):
-    """Number the edges anew, as if dealt to HANDS hands in turn from so many parts of the body.
-
-    Edges that follow one another then lie far apart and share no vertex, except in very small bodies: whoever runs over
-    edges and adds to their vertices need not wait for the sum before.
-    """
-    n_edges = gmap.counts[N_EDGES]
-    size, n_longer = n_edges // HANDS, n_edges % HANDS  # the first n_longer parts have one edge more
-    dealt = np.empty(n_edges, dtype=np.int32)
-    for edge in range(n_edges):
-        if edge < n_longer * (size + 1):
-            hand, place = edge // (size + 1), edge % (size + 1)
-        else:
-            rest = edge - n_longer * (size + 1)
-            hand, place = n_longer + rest // size, rest % size
-        dealt[edge] = place * HANDS + hand
-    darts = gmap.edge_dart[:n_edges].copy()
-    for edge in range(n_edges):
-        gmap.edge_dart[dealt[edge]] = darts[edge]
-    for tetrahedron in range(len(gmap.edge_of)):
-        for edge in range(6):
-            gmap.edge_of[tetrahedron, edge] = dealt[gmap.edge_of[tetrahedron, edge]]

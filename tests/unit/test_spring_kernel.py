@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numba import config, njit
 
-from gmapspring import spring_kernel
+from gmapspring import Material, Simulation, meshes, spring_kernel
 from gmapspring.addresses import address_row
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.matter import BLOCK, GROUP, Matter, Nodes, aligned_zeros, empty_springs, no_matter
 from gmapspring.quad import load, store
+from gmapspring.spring_kernel import STRIDE
 
 without_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="numba's compiler is switched off")
 TARGETS = {"SSE2": "x86-64", "AVX2": "haswell", "AVX-512": "skylake-avx512"}
@@ -65,11 +66,36 @@ def test_the_vector_kernel_gives_the_bits_of_its_twin(dtype, has_damping, n_spri
     springs.endpoints[0] = 3, 5  # of length zero
     expected, coefficient = np.zeros((30, 4), dtype), np.empty(n_springs, dtype)
     twins = [getattr(kernel, "py_func", kernel) for kernel in (spring_kernel.set_coefficients, spring_kernel.add_pulls)]
-    twins[0](*springs[:4], nodes.state, 0, n_springs, coefficient)
-    twins[1](springs.endpoints, coefficient, nodes.state, 0, n_springs, expected)
+    for start in range(0, n_springs, BLOCK):
+        stop = min(start + BLOCK, n_springs)
+        twins[0](*springs[:4], nodes.state, start, stop, coefficient[start:])
+        twins[1](springs.endpoints, coefficient[start:], nodes.state, start, stop, expected)
     add_spring_forces(springs, n_springs, nodes.state, nodes.force)
     assert coefficient[0] == 0.0 and (n_springs == 1 or coefficient[1:].all())
     assert nodes.force.tobytes() == expected.tobytes()
+
+
+def share_that_wait(endpoints):
+    """Return the part of springs that share a node with the one that is added to its nodes before them."""
+    order = [s for start in range(0, len(endpoints), BLOCK) for first in range(start, start + STRIDE)
+             for s in range(first, min(start + BLOCK, len(endpoints)), STRIDE)]  # fmt: skip
+    before, after = endpoints[order[:-1]], endpoints[order[1:]]
+    return np.mean((before[:, :, None] == after[:, None, :]).any(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_springs_seldom_wait_for_one_another_however_the_body_was_cut(is_cut):
+    sim = Simulation(meshes.box((7, 7, 7)), Material(1e3, 1e3))
+    if is_cut:
+        rng = np.random.default_rng(4)
+        for tetrahedron in rng.permutation(sim.body.mesh.n_tetrahedra)[:300]:
+            sim.remove_tetrahedron(tetrahedron)
+        for slot in rng.permutation(np.unique(sim.body.face_of))[:500]:
+            if slot >= 0 and sim.body.gmap.image.item(slot) // 6 != slot:
+                sim.split_face(slot // 4, sim.body.gmap.image.item(slot) // 24)
+    endpoints = sim.body.springs.endpoints[: sim.body.n_springs]
+    assert np.mean((endpoints[1:, :, None] == endpoints[:-1, None, :]).any(axis=(1, 2))) > 0.3
+    assert share_that_wait(endpoints) < 0.05
 
 
 @pytest.mark.parametrize("square", [0.0, np.nan])
