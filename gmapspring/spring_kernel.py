@@ -109,21 +109,21 @@ def _type_add_pulls(context):
 
 @lower_builtin(add_pulls, *[types.Array] * 3, types.Integer, types.Integer, types.Array)
 def _lower_add_pulls(context, builder, sig, args):
-    """Emit loops over springs, four lanes at a time."""
+    """Emit a loop for whole blocks, where the hands lie at constants from the first, and one for the last block."""
     endpoints, coefficient, state, force = _arrays(context, builder, sig, args, (0, 1, 2, 5))
     start, stop = (context.cast(builder, args[i], sig.args[i], types.intp) for i in (3, 4))
     emit = _Emitter(builder, state.data, endpoints.data)
-    stride, one = start.type(STRIDE), start.type(1)
+    one, stride = start.type(1), start.type(STRIDE)
+    is_whole = builder.icmp_signed("==", builder.sub(stop, start), start.type(BLOCK))
     end_of_hand = builder.add(start, stride)
-    end_of_hand = builder.select(builder.icmp_signed("<", end_of_hand, stop), end_of_hand, stop)
-    with (cgutils.for_range_slice(builder, start, end_of_hand, one) as (first, _),
-          cgutils.for_range_slice(builder, first, stop, stride) as (spring, _)):
-        i, j = emit.ends(spring)
-        number = emit.load(coefficient.data, builder.sub(spring, start), 1)
-        pull = builder.fmul(emit.shuffle(number, number, [0] * 4), emit.difference(i, j, 4))
-        for end, add in ((i, builder.fadd), (j, builder.fsub)):
-            offset = builder.shl(end, WIDE(2))
-            emit.store(force.data, offset, add(emit.load(force.data, offset, 4), pull))
+    end_of_firsts = builder.select(builder.icmp_signed("<", end_of_hand, stop), end_of_hand, stop)
+    with builder.if_else(is_whole) as (whole, last):
+        with whole, cgutils.for_range_slice(builder, start, end_of_hand, one) as (first, _):
+            for hand in range(HANDS):
+                emit.add_pull(builder.add(first, start.type(hand * STRIDE)), start, coefficient.data, force.data)
+        with (last, cgutils.for_range_slice(builder, start, end_of_firsts, one) as (first, _),
+              cgutils.for_range_slice(builder, first, stop, stride) as (spring, _)):
+            emit.add_pull(spring, start, coefficient.data, force.data)
     return context.get_dummy_value()
 
 
@@ -174,6 +174,15 @@ class _Emitter:
             rows = [self.shuffle(*pair, lanes) for pair in zip(rows[::2], rows[1::2], strict=True)]
         positions = [lane - lane % n_lanes + lane % 4 for lane in range(self.width)]
         return b.fmul(rows[0], self.shuffle(rows[0], rows[0], positions))
+
+    def add_pull(self, spring, start, coefficient, force):
+        """Add the pull of one spring to its two ends, four lanes at a time."""
+        b, (i, j) = self.builder, self.ends(spring)
+        number = self.load(coefficient, b.sub(spring, start), 1)
+        pull = b.fmul(self.shuffle(number, number, [0] * 4), self.difference(i, j, 4))
+        for end, add in ((i, b.fadd), (j, b.fsub)):
+            offset = b.shl(end, WIDE(2))
+            self.store(force, offset, add(self.load(force, offset, 4), pull))
 
     def ends(self, spring):
         """Return the two nodes of a spring."""
