@@ -31,7 +31,7 @@ from gmapspring.matter import BLOCK
 HANDS = 16
 """Springs of a block that are added to their nodes one after the other lie BLOCK / HANDS apart."""
 STRIDE = BLOCK // HANDS
-WIDE = ir.IntType(64)
+WIDE, NARROW = ir.IntType(64), ir.IntType(32)
 
 
 @part
@@ -180,18 +180,27 @@ class _Emitter:
         b, (i, j) = self.builder, self.ends(spring)
         number = self.load(coefficient, b.sub(spring, start), 1)
         pull = b.fmul(self.shuffle(number, number, [0] * 4), self.difference(i, j, 4))
+        # Rows of forces are half as long as those of the state: the same number leads to them in steps of half a number's size.
+        halves = b.bitcast(force, ir.IntType(4 * self.size).as_pointer())
         for end, add in ((i, b.fadd), (j, b.fsub)):
-            offset = b.shl(end, WIDE(2))
-            self.store(force, offset, add(self.load(force, offset, 4), pull))
+            row = b.bitcast(b.gep(halves, [end]), pull.type.as_pointer())
+            self._aligned(b.store(add(self._aligned(b.load(row)), pull), row))
 
     def ends(self, spring):
-        """Return the two nodes of a spring."""
-        b, place = self.builder, self.builder.shl(spring, WIDE(1))
-        return tuple(b.zext(b.load(b.gep(self.endpoints, [b.add(place, WIDE(end))])), WIDE) for end in (0, 1))
+        """Return where the rows of a spring's two nodes begin in the state.
+
+        What limits the kernel is how much a core fetches and stores in a cycle. So both ends are fetched as one number: the first
+        is its lower half, as on all machines that numba compiles for. What is shifted in 32 bits (there is room: darts are int32)
+        the compiler does not merge into longer shifts, one for each use, but scales where it is used, which costs nothing.
+        """
+        b = self.builder
+        pair = b.load(b.gep(b.bitcast(self.endpoints, WIDE.as_pointer()), [spring]))
+        pair.align = 4
+        return [b.zext(b.shl(b.trunc(end, NARROW), NARROW(3)), WIDE) for end in (pair, b.lshr(pair, WIDE(32)))]
 
     def difference(self, i, j, n_lanes):
-        """Return row j of the state minus row i."""
-        first, second = (self.load(self.state, self.builder.shl(node, WIDE(3)), n_lanes) for node in (i, j))
+        """Return the row of the state that begins at j minus the one at i."""
+        first, second = (self.load(self.state, row, n_lanes) for row in (i, j))
         return self.builder.fsub(second, first)
 
     def transposed_sum(self, four):
