@@ -15,6 +15,7 @@ from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
 from gmapspring.errors import DivergenceError, StabilityError
 from gmapspring.integrators import INTEGRATORS
+from gmapspring.layout import renumber
 from gmapspring.mesh import Mesh
 from gmapspring.snapshot import Snapshot, load_arrays, name_loads, save_arrays
 from gmapspring.topology import gmap as topology
@@ -129,6 +130,10 @@ class Simulation:
     def cut(self, faces: Iterable = (), tetrahedra: Iterable = ()) -> CutReport:
         """Cut faces, (k, 2) pairs of tetrahedra, and remove tetrahedra, all at once; see cut.cut."""
         return cutting.cut(self.body, faces, tetrahedra, self.keep_manifold)
+
+    def renumber(self) -> CutReport:
+        """Number nodes and springs anew, for large bodies that have been cut in many places; see layout.renumber."""
+        return renumber(self.body)
 
     def set_loads(self, loads: np.ndarray | None) -> None:
         """Set the constant force on each mesh point [N], (n_points, 3), shared by mass among its nodes; None for none."""

@@ -18,7 +18,7 @@ class Snapshot(NamedTuple):
     load: np.ndarray
 
 
-def _changing_arrays(body: Body) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+def changing_arrays(body: Body) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """List the live parts of what changes: of the map, of the nodes, of the springs."""
     gmap, n_nodes, n_springs = body.gmap, body.n_nodes, body.n_springs
     # Stamps only grow: putting an old one back would make old marks look fresh.
@@ -33,7 +33,7 @@ def _changing_arrays(body: Body) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarr
 
 def save_arrays(body: Body) -> Snapshot:
     """Copy the state of a body."""
-    in_map, in_nodes, in_springs = _changing_arrays(body)
+    in_map, in_nodes, in_springs = changing_arrays(body)
     return Snapshot(
         gmap=(body.gmap.counts[:STAMP].copy(), *(array.copy() for array in in_map)),
         nodes=tuple(array.copy() for array in in_nodes),
@@ -49,7 +49,7 @@ def load_arrays(body: Body, snapshot: Snapshot) -> None:
     name_loads(body, snapshot.load, has_external=snapshot.nodes[1].shape[0] > 0)
     before = body.gmap.counts[:STAMP].copy()
     body.gmap.counts[:STAMP] = counts
-    targets = _changing_arrays(body)
+    targets = changing_arrays(body)
     sources = (tuple(in_map), snapshot.nodes, snapshot.springs)
     pairs = [pair for group in zip(targets, sources, strict=True) for pair in zip(*group, strict=True)]
     if any(target.shape != source.shape or target.dtype != source.dtype for target, source in pairs):
