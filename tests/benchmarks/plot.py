@@ -20,12 +20,13 @@ EVALUATIONS = 4
 FLOPS_PER_SPRING = 42
 """Differences 6, square and dot product 10, root and quotient 2, coefficient 6, force 3, sums 6, and 9 to recompute what the
 second pass needs; a root or quotient counts as one, which flatters the floor."""
-FLOPS_PER_NODE = 46
-"""Acceleration 9, sums and stages 24, the rest bookkeeping of a row of eight."""
+FLOPS_PER_NODE = (20 + 20 + 76 + 12) / EVALUATIONS + 8
+"""In rows of four: the four stages, and drag in each."""
 BYTES_PER_SPRING = 8 + 4 * 8
 """Two endpoints, stiffness, tension, damping, coefficient; read or written once in each evaluation, float64."""
-BYTES_PER_NODE = 8 * (8 + 8 + 16 + 8 + 8 + 4 + 2)
-"""Stage read and written, sum read and written, start, force, constant force, mass and drag, float64."""
+BYTES_PER_NODE = 8 * ((12 + 16 + 24 + 4) / EVALUATIONS + (8 + 4 + 8 + 4) / EVALUATIONS + 4 + 4 + 4 + 2)
+"""State and stages, of which the second's velocity is kept, read and written in the four stages; force read and written, constant
+force, mass and drag in each; float64."""
 SPRINGS_PER_TETRAHEDRON, NODES_PER_TETRAHEDRON = 1.25, 0.2
 """Of large boxes; small bodies have more, for their surface."""
 SIZES = np.geomspace(1e3, 2e6, 12)
