@@ -50,6 +50,38 @@ def test_a_step_below_the_stable_one_is_kept():
     assert sim.advance(0.01, step=sim.stable_step / 4) == int(np.ceil(0.04 / sim.stable_step))
 
 
+@pytest.mark.parametrize("portion", [1, 3])
+@pytest.mark.parametrize("integrator", sorted(gs.simulation.INTEGRATORS))
+def test_portions_of_substeps_give_the_same_bits(integrator, portion, monkeypatch):
+    sims = [hanging_box(integrator=integrator) for _ in range(2)]
+    assert sims[0].advance(10 * sims[0].default_step) == 10
+    monkeypatch.setattr(gs.simulation, "PORTION", portion * sims[1].body.n_springs)
+    assert sims[1].advance(10 * sims[1].default_step) == 10
+    assert sims[1].time == pytest.approx(sims[0].time)
+    sims[1].time = sims[0].time
+    assert_same_bits(*map(bits_of, sims))
+
+
+def test_an_interrupt_is_heard_between_portions_and_the_clock_stays_true(monkeypatch):
+    sim, twin = hanging_box(), hanging_box()
+    step = sim.default_step / 5
+    monkeypatch.setattr(gs.simulation, "PORTION", 3 * sim.body.n_springs)
+    whole = sim.integrator.advance
+
+    def interrupted(*given):
+        whole(*given)
+        raise KeyboardInterrupt
+
+    for expected in (3, 6):
+        monkeypatch.setattr(sim, "integrator", sim.integrator._replace(advance=interrupted))
+        with pytest.raises(KeyboardInterrupt):
+            sim.advance(100 * step, step=step)
+        assert sim.n_substeps == expected and sim.time == pytest.approx(expected * step)
+    twin.advance(6 * step, step=step)
+    twin.time = sim.time
+    assert_same_bits(bits_of(sim), bits_of(twin))
+
+
 def test_divergence_raises_and_leaves_the_last_finite_state():
     sim = hanging_box()
     loads = np.zeros((sim.body.mesh.n_points, 3))
