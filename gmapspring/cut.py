@@ -24,7 +24,7 @@ from gmapspring.embedding import embed, merge_nodes
 from gmapspring.errors import TopologyError
 from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.snapshot import load_arrays, save_arrays
-from gmapspring.topology.gmap import check_sewable, neighbour
+from gmapspring.topology.gmap import check_sewable, link_characteristic, neighbour, singular_vertices
 from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold
 from gmapspring.topology.sewing import face_gluing, sew_faces, unsew_faces
 from gmapspring.topology.walks import ascending
@@ -119,12 +119,10 @@ def cut(body: Body, faces: Iterable = (), tetrahedra: Iterable = (), keep_manifo
 
     Everything is unlinked first and the splits are settled once, so the result depends on the set alone, not on its order.
     Raises TopologyError, naming the culprit and with nothing changed, for a face or tetrahedron that is not there to cut
-    or, with keep_manifold, that would pinch the body.
+    or, with keep_manifold, where they would leave the body pinched.
     """
     pairs, removed = _pairs(faces), _numbers(tetrahedra)
-    if keep_manifold:
-        _check_each_stays_manifold(body, pairs, removed)
-    return _cut(body, pairs, removed)
+    return (_cut_within_manifolds if keep_manifold else _cut)(body, pairs, removed)
 
 
 def _cut(body: Body, pairs: np.ndarray, tetrahedra: np.ndarray) -> CutReport:
@@ -211,25 +209,35 @@ def _listed(values: Iterable, name: str) -> list:
     return list(values)
 
 
-def _check_each_stays_manifold(body: Body, pairs: np.ndarray, removed: np.ndarray) -> None:
-    """Cut in ascending order, checking each time that the body stays manifold; undo all, and raise where it would not."""
-    slots = sorted({face_slot(body, tet_a, tet_b) for tet_a, tet_b in pairs.tolist()})
-    if len(slots) + len(removed) == 1:  # nothing to undo: no copy of the body is needed
+def _cut_within_manifolds(body: Body, pairs: np.ndarray, removed: np.ndarray) -> CutReport:
+    """Cut; or undo all, and raise, where a vertex has been pinched that was not, or more than it was."""
+    slots = {face_slot(body, tet_a, tet_b) for tet_a, tet_b in pairs.tolist()}
+    if len(slots) + len(removed) == 1:  # what one cut would do can be told beforehand: no copy of the body is needed
         for tetrahedron in removed.tolist():
             check_stays_manifold(body.gmap, live_tetrahedron(body, tetrahedron), -1)
         for slot in slots:
             check_stays_manifold(body.gmap, slot // 4, slot % 4)
-        return
-    before = save_arrays(body)
-    try:
-        for slot in slots:
-            check_stays_manifold(body.gmap, slot // 4, slot % 4)
-            _cut(body, np.array([[slot // 4, body.gmap.image.item(slot) // 24]]), NONE)
-        for tetrahedron in sorted({live_tetrahedron(body, each) for each in removed.tolist()}):
-            check_stays_manifold(body.gmap, tetrahedron, -1)
-            _cut(body, NO_PAIRS, np.array([tetrahedron]))
-    finally:
-        load_arrays(body, before)
+        return _cut(body, pairs, removed)
+    before, vertex_of, holes = save_arrays(body), body.gmap.vertex_of.copy(), _excess_holes(body)
+    report = _cut(body, pairs, removed)
+    alive = np.flatnonzero(body.is_alive)
+    is_pinched = _excess_holes(body)[body.gmap.vertex_of[alive]] > holes[vertex_of[alive]]
+    if not is_pinched.any():
+        return report
+    load_arrays(body, before)
+    node = vertex_of[alive][is_pinched][0]
+    raise TopologyError(
+        f"these {len(slots)} faces and {len(removed)} tetrahedra cut at once would pinch the body at node {node}: "
+        "cut an edge of it open to the surface too, or allow singular nodes with keep_manifold=False"
+    )
+
+
+def _excess_holes(body: Body) -> np.ndarray:
+    """Return how many holes the link of each vertex has that a sphere or a disc has not, (n_nodes,)."""
+    excess = np.zeros(body.n_nodes, dtype=np.int64)
+    singular = singular_vertices(body.gmap)
+    excess[singular] = 1 - link_characteristic(body.gmap)[singular]
+    return excess
 
 
 @kernel

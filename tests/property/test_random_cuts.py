@@ -139,6 +139,50 @@ def test_a_body_that_keeps_manifold_refuses_just_what_would_pinch_it(name, seed)
     assert any(any(answers) for answers in refused.values())
 
 
+@pytest.mark.parametrize(("name", "seed"), [("box", 0), ("slab", 1), ("star", 2)])
+def test_cuts_at_once_are_refused_just_where_they_pinch_in_the_end(name, seed):
+    rng, answers = np.random.default_rng(seed), {False: 0, True: 0}
+    for _ in range(40):
+        twins = Twins(zoo.build(name), seed, keep_manifold=True)
+        for _ in range(2):
+            faces = [pick(twins.naive.sewn_faces(), int(rng.integers(10**6))) for _ in range(rng.integers(2, 12))]
+            removed = rng.choice(sorted(twins.naive.alive), rng.integers(0, 3), replace=False).tolist()
+            state, before = twins.naive.snapshot(), bits_of(twins.sim)
+            twins.naive.cut(faces, removed)
+            would_pinch = bool(naive_links.singular_nodes(twins.naive))
+            answers[would_pinch] += 1
+            if would_pinch:
+                with pytest.raises(gs.TopologyError, match="would pinch the body at node"):
+                    twins.sim.cut(faces, removed)
+                twins.naive.restore(state)
+                assert_same_bits(bits_of(twins.sim), before)
+            else:
+                twins.sim.cut(faces, removed)
+        twins.assert_agreement()
+    assert min(answers.values()) > 5
+
+
+def test_cuts_at_once_may_pinch_on_the_way():
+    twins = Twins(zoo.build("slab"), keep_manifold=True)
+    tets = sorted(twins.naive.alive)
+    refused = [tet for tet in tets if is_refused(twins.sim, tet)]
+    assert refused
+    # All of a pinched piece, or nothing: with all tetrahedra but one gone, nothing is left to hang together at a point.
+    twins.sim.cut(tetrahedra=tets[1:])
+    assert not len(gs.topology.gmap.singular_vertices(twins.sim.body.gmap))
+
+
+def is_refused(sim, tetrahedron):
+    """Tell whether a body refuses to lose a tetrahedron; it keeps it."""
+    before = sim.save_state()
+    try:
+        sim.remove_tetrahedron(tetrahedron)
+    except gs.TopologyError:
+        return True
+    sim.load_state(before)
+    return False
+
+
 def random_call(naive, rng):
     """Draw an operation that can be done to a body, and its arguments."""
     choices = {"split_face": naive.sewn_faces(), "sew_face": naive.open_faces()}
