@@ -49,28 +49,44 @@ ANY = np.float64(0)
 
 @kernel
 def glue_faces(image, corners, n_points):
-    """Link every pair of faces on the same three points; faces are sorted into buckets by their lowest point."""
+    """Link every pair of faces on the same three points; faces are sorted into buckets by the rarest of their points.
+
+    Any of the three would do, but thousands of tetrahedra may meet at a point, and the faces of a bucket are compared in pairs.
+    """
     n_slots = 4 * len(corners)
+    degree = np.zeros(n_points, dtype=np.int64)
+    for tetrahedron in range(len(corners)):
+        for corner in range(4):
+            degree[corners[tetrahedron, corner]] += 1
     start = np.zeros(n_points + 1, dtype=np.int64)
-    lowest = np.empty(n_slots, dtype=np.int64)
+    rarest = np.empty(n_slots, dtype=np.int64)
     for slot in range(n_slots):
-        face = FACE_CORNERS[slot & 3]
-        tetrahedron = corners[slot >> 2]
-        lowest[slot] = min(tetrahedron[face[0]], tetrahedron[face[1]], tetrahedron[face[2]])
-        start[lowest[slot] + 1] += 1
+        rarest[slot] = rarest_point(corners, slot, degree)
+        start[rarest[slot] + 1] += 1
     fill = np.zeros(n_points, dtype=np.int64)
     for point in range(n_points):
         fill[point] = start[point]
         start[point + 1] += start[point]
     bucket = np.empty(n_slots, dtype=np.int64)
     for slot in range(n_slots):
-        bucket[fill[lowest[slot]]] = slot
-        fill[lowest[slot]] += 1
+        bucket[fill[rarest[slot]]] = slot
+        fill[rarest[slot]] += 1
     for point in range(n_points):
         for i in range(start[point], start[point + 1]):
             for j in range(i + 1, start[point + 1]):
                 if glue_if_same(image, corners, bucket[i], bucket[j]):
                     break
+
+
+@part
+def rarest_point(corners, slot, degree):
+    """Return the point of a face at which the fewest tetrahedra meet; the lowest of several."""
+    rarest = corners[slot >> 2, FACE_CORNERS[slot & 3, 0]]
+    for i in range(1, 3):
+        point = corners[slot >> 2, FACE_CORNERS[slot & 3, i]]
+        if degree[point] < degree[rarest] or (degree[point] == degree[rarest] and point < rarest):
+            rarest = point
+    return rarest
 
 
 @part

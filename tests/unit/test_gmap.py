@@ -4,11 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
+from numba import njit
 
 from gmapspring.errors import TopologyError
 from gmapspring.topology import gmap as topology
 from gmapspring.topology import sewing
-from gmapspring.topology.build import build_gmap
+from gmapspring.topology.build import build_gmap, rarest_point
 from gmapspring.topology.coverage import cell_of_darts, cover_by_marks, cover_by_representatives
 from gmapspring.topology.darts import ALPHA, FACE_EDGES, ORDERINGS
 from gmapspring.topology.gmap import alpha, orbit
@@ -89,6 +90,26 @@ def test_parts_that_share_only_a_vertex_get_vertices_of_their_own():
     gmap = map_of(mesh)
     assert gmap.counts[topology.N_VERTICES] == mesh.n_points + 1
     assert topology.components(gmap).max() == 1
+
+
+@njit
+def rarest_point_of(corners, slot, degree):
+    """Call what only kernels can call."""
+    return rarest_point(corners, slot, degree)
+
+
+@pytest.mark.parametrize("hub", [0, 7, 50])
+def test_a_point_where_all_tetrahedra_meet_is_glued_without_comparing_all_with_all(hub):
+    # A ring of tetrahedra about an axis, as an orange has wedges; the axis ends at the hub and at the next point.
+    n = 400
+    rim = np.setdiff1d(np.arange(n + 2), [hub, hub + 1])
+    ring = np.stack([np.full(n, hub), np.full(n, hub + 1), rim, np.roll(rim, -1)], axis=1)
+    gmap = build_gmap(ring, n + 2)
+    check_gmap(gmap)
+    assert gmap.counts[:4].tolist() == [n + 2, 1 + 3 * n, n, 1] and topology.is_free(gmap).sum() == 2 * n
+    degree = np.bincount(ring.ravel())
+    buckets = np.bincount([rarest_point_of(ring, slot, degree) for slot in range(4 * n)])
+    assert buckets.max() <= 8
 
 
 def test_unsewing_and_sewing_a_face_restores_the_map():
