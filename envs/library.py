@@ -114,7 +114,13 @@ def play_list(scene: str | Scene | Sequence[Scene], split: str) -> Sequence[Scen
     if isinstance(scene, Sequence) and not isinstance(scene, str):
         if not scene:
             raise ConfigError("the list of scenes is empty; give at least one")
+        # Those of a set are scenes, built when they are asked for.
+        strange = [] if isinstance(scene, SceneSet) else [each for each in scene if not isinstance(each, Scene)]
+        if strange:
+            raise ConfigError(f"{strange[0]!r} in the list of scenes is no Scene; give a name or a path by itself")
         return scene
+    if not isinstance(scene, str | os.PathLike):
+        raise ConfigError(f"{scene!r} is no scene; give a name, the path of a .yaml file, a Scene, or a list of Scenes")
     return load_scenes(scene, split)
 
 

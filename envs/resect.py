@@ -1,5 +1,6 @@
 """Resect-v0: free the target by cutting, at the least cost, and let nothing collapse on the way."""
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -140,7 +141,7 @@ class ResectEnv(gym.Env[dict[str, Any], Any]):
         """Cut, let the body settle, judge it."""
         if self._has_ended:
             raise gym.error.ResetNeeded("the episode has ended, or none has begun; call reset() first")
-        action = int(action)
+        action = operator.index(action)
         if not 0 <= action < len(self._mask):
             raise ValueError(f"action {action} is out of range 0..{len(self._mask) - 1}")
         task, scene = self.task, self.scene

@@ -56,6 +56,8 @@ def reward_weights(overrides: Mapping[str, float] | None = None) -> dict[str, fl
     Raises:
         ConfigError: a name is unknown or a weight is not a finite number; all mistakes are listed.
     """
+    if overrides is not None and not isinstance(overrides, Mapping):
+        raise ConfigError(f"reward is {overrides!r}; give the weights of terms by their names, as in {{'cost': -2.0}}")
     weights = {name: term.weight for name, term in REWARD_TERMS.items()}
     mistakes = []
     for name, weight in (overrides or {}).items():

@@ -97,6 +97,9 @@ def test_the_flat_variant_holds_the_tables_one_after_another():
         ({"render_mode": "ansi"}, r"no render mode 'ansi'"),
         ({"render_style": "tisue"}, r"no render style 'tisue'; did you mean 'tissue'"),
         ({"scene": []}, r"list of scenes is empty"),
+        ({"scene": ["box-48"]}, r"'box-48' in the list of scenes is no Scene"),
+        ({"scene": 5}, r"5 is no scene; give a name"),
+        ({"reward": [1]}, r"reward is \[1\]; give the weights of terms by their names"),
         ({"scene": "box-109"}, r"no scene 'box-109'"),
         ({"scene": "box-48", "split": "tset"}, r"no split 'tset'; did you mean 'test'\?"),
     ],
@@ -262,6 +265,8 @@ def test_each_of_several_targets_bears_its_share_of_the_load_until_it_is_free():
 
 def test_a_finished_episode_asks_for_a_reset(env):
     env.reset(seed=0)
+    with pytest.raises(TypeError, match="float"):
+        env.step(1.5)
     with pytest.raises(ValueError, match=r"action 120 is out of range 0\.\.119"):
         env.step(120)
     play(env, random_policy())

@@ -42,5 +42,10 @@ def test_a_file_is_replaced_whole(tmp_path):
     assert path.read_bytes() == b"new" and list(tmp_path.iterdir()) == [path]
 
 
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=f"there is no folder {tmp_path / 'none'}$"):
+        paths.write_atomically(tmp_path / "none" / "state", b"new")
+
+
 def test_the_configs_of_this_package_exist():
     assert (paths.configs_folder() / "meshes").is_dir()
