@@ -13,7 +13,7 @@ from gmapspring.body import Body, Material, build_body, own_matter
 from gmapspring.choice import Choice, choose
 from gmapspring.cut import CutReport
 from gmapspring.embedding import embed_all, sum_external
-from gmapspring.errors import DivergenceError, StabilityError
+from gmapspring.errors import DivergenceError, StabilityError, StateFileError
 from gmapspring.integrators import INTEGRATORS
 from gmapspring.layout import renumber
 from gmapspring.mesh import Mesh
@@ -35,6 +35,8 @@ class SimulationState(NamedTuple):
     body: Snapshot
     time: float
     n_substeps: int
+    mesh: Mesh
+    """That of the body, not copied: it never changes."""
 
 
 class Simulation:
@@ -181,10 +183,13 @@ class Simulation:
 
     def save_state(self) -> SimulationState:
         """Copy all that can change, topology included."""
-        return SimulationState(save_arrays(self.body), self.time, self.n_substeps)
+        return SimulationState(save_arrays(self.body), self.time, self.n_substeps, self.body.mesh)
 
     def load_state(self, state: SimulationState) -> None:
-        """Go back to a saved state; it stays valid and can be loaded again."""
+        """Go back to a saved state; it stays valid and can be loaded again. Raises StateFileError for one of another body."""
+        mine, its = self.body.mesh, state.mesh
+        if its is not mine and not (np.array_equal(its.points, mine.points) and np.array_equal(its.tetrahedra, mine.tetrahedra)):
+            raise StateFileError("the state belongs to a body on another mesh; build the same body first")
         load_arrays(self.body, state.body)
         self.time, self.n_substeps = state.time, state.n_substeps
 
