@@ -136,7 +136,7 @@ class BodyBatch:
 
     def advance(self, seconds: float | np.ndarray, step: float | np.ndarray | None = None,
                 rest_tolerance: float | None = None) -> Advance:  # fmt: skip
-        """Simulate all rows; see Simulation.advance. Each number may be one for each row, (n_rows,).
+        """Simulate all rows; see Simulation.advance. Each number may be one for each row, (n_rows,). Ctrl-C is heard at its end.
 
         A row whose state stops being finite stays as it was, and is reported; no other row notices.
         Raises StabilityError for a step above the stable one of its row.

@@ -24,6 +24,7 @@ from gmapspring.embedding import embed, merge_nodes
 from gmapspring.errors import TopologyError
 from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.snapshot import load_arrays, save_arrays
+from gmapspring.topology.darts import CORNER_OF_DART
 from gmapspring.topology.gmap import check_sewable, link_characteristic, neighbour, singular_vertices
 from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold
 from gmapspring.topology.sewing import face_gluing, sew_faces, unsew_faces
@@ -38,7 +39,8 @@ LARGEST = 2**62
 class CutReport:
     """What one operation changed. Numbers are those after it, except the first of each move.
 
-    To follow with arrays of your own over nodes: apply the moves (to <- from), then copy each kept row to its new one.
+    To follow with arrays of your own over nodes: apply the moves (to <- from) all at once, as rows[to] = rows[from] does in
+    NumPy, then copy each kept row to its new one.
     """
 
     __slots__ = ("_journal", "removed_tetrahedra")
@@ -119,7 +121,7 @@ def cut(body: Body, faces: Iterable = (), tetrahedra: Iterable = (), keep_manifo
 
     Everything is unlinked first and the splits are settled once, so the result depends on the set alone, not on its order.
     Raises TopologyError, naming the culprit and with nothing changed, for a face or tetrahedron that is not there to cut
-    or, with keep_manifold, where they would leave the body pinched.
+    or, with keep_manifold, where they would leave the body pinched where it was not, or more than it was.
     """
     pairs, removed = _pairs(faces), _numbers(tetrahedra)
     return (_cut_within_manifolds if keep_manifold else _cut)(body, pairs, removed)
@@ -219,17 +221,20 @@ def _cut_within_manifolds(body: Body, pairs: np.ndarray, removed: np.ndarray) ->
             check_stays_manifold(body.gmap, slot // 4, slot % 4)
         return _cut(body, pairs, removed)
     before, vertex_of, holes = save_arrays(body), body.gmap.vertex_of.copy(), _excess_holes(body)
-    report = _cut(body, pairs, removed)
-    alive = np.flatnonzero(body.is_alive)
-    is_pinched = _excess_holes(body)[body.gmap.vertex_of[alive]] > holes[vertex_of[alive]]
-    if not is_pinched.any():
-        return report
-    load_arrays(body, before)
-    node = vertex_of[alive][is_pinched][0]
-    raise TopologyError(
-        f"these {len(slots)} faces and {len(removed)} tetrahedra cut at once would pinch the body at node {node}: "
-        "cut an edge of it open to the surface too, or allow singular nodes with keep_manifold=False"
-    )
+    try:
+        report = _cut(body, pairs, removed)
+        tets, local_darts = np.divmod(body.gmap.vertex_dart[: body.n_nodes], 24)
+        stems_from = vertex_of[tets, CORNER_OF_DART[local_darts]]
+        more_pinched = np.flatnonzero(np.bincount(stems_from, _excess_holes(body), len(holes)) > holes)
+        if len(more_pinched):
+            raise TopologyError(
+                f"{len(slots)} faces and {len(report.removed_tetrahedra)} tetrahedra cut at once would pinch the body at node "
+                f"{more_pinched[0]}: cut an edge of it open to the surface too, or allow singular nodes with keep_manifold=False"
+            )
+    except BaseException:
+        load_arrays(body, before)
+        raise
+    return report
 
 
 def _excess_holes(body: Body) -> np.ndarray:

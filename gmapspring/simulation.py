@@ -23,8 +23,8 @@ from gmapspring.validity import check_body
 
 ONE_ROW, NEVER = np.zeros(1, np.int64), np.full(1, -1.0)
 """The only row of a body's own table; a tolerance at which nothing ends early."""
-PORTION = 2**26
-"""Springs times substeps of one call of a kernel, about a second: in between, Ctrl-C is heard."""
+PORTION = 2**28
+"""Springs times sweeps of one call of a kernel, about a second: in between, Ctrl-C is heard."""
 MOST_SUBSTEPS = 1e9
 """More of them in one call are a mistake: so many take an organ of 2,000 tetrahedra half a day."""
 
@@ -85,7 +85,8 @@ class Simulation:
         Without a step, it is default_step: what the tolerance asks for, or one that suits violent motion too. With a
         rest_tolerance [m] the rest of the time is skipped once no node can move any further than that in it.
         Raises StabilityError for a step above the stable one, and DivergenceError where the state stops being finite: the
-        body then holds its last finite state. Ctrl-C ends it within seconds; body and clock then stand at the last substep taken.
+        body then holds its last finite state. Without a rest_tolerance Ctrl-C ends it within seconds; body and clock then stand
+        at the last substep taken.
         """
         if not (math.isfinite(seconds) and seconds >= 0.0):
             raise ValueError(f"seconds must be finite and not negative, not {seconds}")
@@ -98,33 +99,39 @@ class Simulation:
 
     def _take_substeps(self, step: float, n_substeps: int, tolerance: np.ndarray = NEVER) -> int:
         """Take substeps and return their number; on divergence find the last finite state."""
-        before = self.n_substeps
-        # Whether a body will move no further depends on all the time that is left: one call then sees it all.
-        portion = n_substeps if tolerance[0] >= 0.0 else max(1, PORTION // max(1, self.body.n_springs))
+        start, before = self.time, self.n_substeps
+        portion = max(1, PORTION // (self.integrator.n_sweeps * max(1, self.body.n_springs)))
+        if tolerance[0] >= 0.0:
+            # Whether a body will move no further depends on all the time that is left: one call then sees it all.
+            portion = n_substeps
         for first in range(0, n_substeps, portion):
-            if self._advance_kernel(step, min(portion, n_substeps - first), tolerance) < 0:
+            stop = min(first + portion, n_substeps)
+            if self._advance_kernel(step, stop - first, tolerance, start + stop * step) < 0:
                 self._find_divergence(step, self.n_substeps - before, n_substeps)
         return self.n_substeps - before
 
     def _find_divergence(self, step: float, n_taken: int, n_substeps: int) -> None:
         """Take one substep after another up to the last finite state, then raise; n_taken of n_substeps have been taken."""
-        while self._advance_kernel(step, 1, NEVER) == 1:
+        while self._advance_kernel(step, 1, NEVER, self.time + step) == 1:
             n_taken += 1
         raise DivergenceError(
             f"the state stopped being finite in substep {n_taken + 1} of {n_substeps}, of {step:.6g} s each, at time "
             f"{self.time:.6g} s; the body holds its last finite state. Look for loads or velocities beyond all bounds"
         )
 
-    def _advance_kernel(self, step: float, n_substeps: int, tolerance: np.ndarray) -> int:
-        """Call the integrator's kernel, count and return the substeps it took; -1, with nothing counted, on divergence."""
+    def _advance_kernel(self, step: float, n_substeps: int, tolerance: np.ndarray, time: float) -> int:
+        """Call the integrator's kernel, count and return the substeps it took; -1, with nothing counted, on divergence.
+
+        time: when it will be done [s].
+        """
         body, taken = self.body, np.zeros(1, np.int64)
         try:
             self.integrator.advance(body.table, ONE_ROW, body.real, np.array([step]), np.array([n_substeps]), tolerance, taken)
         finally:
             # Ctrl-C in a kernel is heard when it has returned: what it has done counts.
             if taken[0] > 0:
+                self.time = time
                 self.n_substeps += int(taken[0])
-                self.time += n_substeps * step
         return int(taken[0])
 
     def split_face(self, tet_a: int, tet_b: int) -> CutReport:

@@ -160,4 +160,4 @@ def default_step(limits: Limits) -> float:
 
 
 BACKWARD_EULER = Integrator("backward_euler", order=1, n_work=1 + N_WORK, stable_step=stable_step, default_step=default_step,
-                            advance=advance)  # fmt: skip
+                            advance=advance, n_sweeps=500)  # fmt: skip

@@ -45,6 +45,8 @@ class Integrator(NamedTuple):
     tolerances [m] (k,): a row ends early where it can move no further than this in what is left of its time; negative: never.
     taken: out, how many substeps each row took, -1 where its state stopped being finite: it is then as it was, int64 (k,).
     Every scheme writes out the same loop over rows: a kernel that is given another as an argument is not kept in the cache."""
+    n_sweeps: int = 1
+    """About how often a substep goes over all springs: how long one takes, for who must not wait for too many."""
 
 
 N_BETWEEN = np.int64(16)

@@ -138,4 +138,4 @@ def default_step(limits: Limits) -> float:
     return 0.8 * stable_step(limits)
 
 
-RK4 = Integrator("rk4", order=4, n_work=2, stable_step=stable_step, default_step=default_step, advance=advance)
+RK4 = Integrator("rk4", order=4, n_work=2, stable_step=stable_step, default_step=default_step, advance=advance, n_sweeps=4)

@@ -80,4 +80,4 @@ def default_step(limits: Limits) -> float:
 
 
 VELOCITY_VERLET = Integrator("velocity_verlet", order=2, n_work=1, stable_step=stable_step, default_step=default_step,
-                             advance=advance)  # fmt: skip
+                             advance=advance, n_sweeps=3)  # fmt: skip

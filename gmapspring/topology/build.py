@@ -32,7 +32,7 @@ def build_gmap(tetrahedra: np.ndarray, n_points: int) -> GMap:
     """Build the map of positively oriented tetrahedra, int (n, 4), gluing those that share three points.
 
     Vertex numbers are the points' own; where the tetrahedra at a point are not connected through faces, the point becomes several
-    vertices, the further ones numbered from n_points on. Edges are numbered in the order of their lowest darts.
+    vertices, the further ones numbered from n_points on. Edges are numbered as tetrahedra meet them.
     """
     gmap = empty_gmap(len(tetrahedra))
     corners = np.ascontiguousarray(tetrahedra, dtype=np.int64)

@@ -1,5 +1,6 @@
 """A machine that cuts, sews, saves and steps at random: the body stays valid and equal to its naive double."""
 
+import itertools
 import pathlib
 import pickle
 import tempfile
@@ -167,9 +168,45 @@ def test_cuts_at_once_may_pinch_on_the_way():
     tets = sorted(twins.naive.alive)
     refused = [tet for tet in tets if is_refused(twins.sim, tet)]
     assert refused
-    # All of a pinched piece, or nothing: with all tetrahedra but one gone, nothing is left to hang together at a point.
-    twins.sim.cut(tetrahedra=tets[1:])
-    assert not len(gs.topology.gmap.singular_vertices(twins.sim.body.gmap))
+    # One by one, in ascending order, some would be refused; but what is left of the slab is one of its cubes.
+    with pytest.raises(gs.TopologyError, match="pinch"):
+        for tet in tets[6:]:
+            twins.sim.remove_tetrahedron(tet)
+    twins = Twins(zoo.build("slab"), keep_manifold=True)
+    twins.sim.cut(tetrahedra=tets[6:])
+    assert twins.sim.body.is_alive.sum() == 6 and not len(gs.topology.gmap.singular_vertices(twins.sim.body.gmap))
+
+
+def test_what_is_pinched_already_may_be_cut_but_not_pinched_again():
+    sim = gs.Simulation(gs.meshes.box((4, 4, 4)), gs.Material(5e3, 1e3))
+    node = 31
+    vertex_of = sim.body.vertex_of
+    star = {tet: set(vertex_of[tet].tolist()) - {node} for tet in np.flatnonzero((vertex_of == node).any(axis=1))}
+    # With two tetrahedra gone that share the node alone, its link is a ring. Faces all around one of the holes part it into two.
+    one, other = next((a, b) for a, b in itertools.combinations(star, 2) if not star[a] & star[b] and parting(sim, star, a, b))
+    sim.cut(tetrahedra=[one, other])
+    assert gs.topology.gmap.singular_vertices(sim.body.gmap).tolist() == [node]
+    sim.keep_manifold = True
+    ring = parting(sim, star, one, other)
+    before = bits_of(sim)
+    with pytest.raises(gs.TopologyError, match=f"pinch the body at node {node}"):
+        sim.cut(faces=ring)
+    assert_same_bits(bits_of(sim), before)
+    # With a way from hole to hole cut open as well, nothing of the ring is left.
+    way = [(a, int(b)) for a in star for b in sim.body.gmap.image[a] // 24 if a < b and b in star]
+    sim.cut(faces=way)
+    assert not len(gs.topology.gmap.singular_vertices(sim.body.gmap))
+
+
+def parting(sim, star, one, other):
+    """List the faces that part those of a star that touch one of its tetrahedra from the rest; none where another is near."""
+    near = {tet for tet in star if star[tet] & star[one]}
+    if any(star[tet] & star[other] for tet in near):
+        return []
+    across = {tet: [int(beyond) for beyond in sim.body.gmap.image[tet] // 24 if beyond != tet] for tet in near}
+    faces = [(tet, beyond) for tet in near for beyond in across[tet] if beyond in star and beyond not in near]
+    touched = set().union(*(star[tet] & star[beyond] for tet, beyond in faces))
+    return [] if touched & star[one] or touched & star[other] else faces
 
 
 def is_refused(sim, tetrahedron):

@@ -76,6 +76,29 @@ def test_numbers_follow_the_tetrahedra_and_are_given_once():
     assert_same_bits(before, bits_of(sim))
 
 
+def test_springs_of_an_uncut_body_are_in_order():
+    assert len(gs.Simulation(gs.meshes.box((4, 3, 3)), gs.Material(5e3, 1e3)).renumber().moved_springs) == 0
+
+
+@pytest.mark.parametrize("what", ["renumber", "guarded cut"])
+def test_an_interrupt_leaves_the_body_as_it_was(what, monkeypatch):
+    sim, rng = cut_box()
+    sim.keep_manifold = True
+    before = bits_of(sim)
+
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        if what == "renumber":
+            monkeypatch.setattr(gs.layout, "_places", interrupted)
+            sim.renumber()
+        else:
+            monkeypatch.setattr(gs.cut, "CutReport", interrupted)
+            sim.cut(tetrahedra=np.flatnonzero(sim.body.is_alive)[:2])
+    assert_same_bits(before, bits_of(sim))
+
+
 def test_steps_and_cuts_go_on_as_before_up_to_round_off():
     sims = [cut_box(damping=1e-3)[0] for _ in range(2)]
     sims[0].renumber()

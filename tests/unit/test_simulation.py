@@ -55,17 +55,44 @@ def test_a_step_below_the_stable_one_is_kept():
 def test_portions_of_substeps_give_the_same_bits(integrator, portion, monkeypatch):
     sims = [hanging_box(integrator=integrator) for _ in range(2)]
     assert sims[0].advance(10 * sims[0].default_step) == 10
-    monkeypatch.setattr(gs.simulation, "PORTION", portion * sims[1].body.n_springs)
+    set_portion(monkeypatch, sims[1], portion)
     assert sims[1].advance(10 * sims[1].default_step) == 10
-    assert sims[1].time == pytest.approx(sims[0].time)
-    sims[1].time = sims[0].time
     assert_same_bits(*map(bits_of, sims))
+
+
+def set_portion(monkeypatch, sim, n_substeps):
+    """Let one call of a kernel take so many substeps of a simulation."""
+    monkeypatch.setattr(gs.simulation, "PORTION", n_substeps * sim.integrator.n_sweeps * sim.body.n_springs)
+
+
+def test_what_ends_at_rest_ends_there_whatever_the_portion(monkeypatch):
+    sims = [hanging_box() for _ in range(2)]
+    n_taken = sims[0].advance(5.0, rest_tolerance=1e-4)
+    assert 100 < n_taken < 0.9 * 5.0 / sims[0].default_step
+    set_portion(monkeypatch, sims[1], 7)
+    assert sims[1].advance(5.0, rest_tolerance=1e-4) == n_taken
+    assert_same_bits(*map(bits_of, sims))
+
+
+def test_a_later_portion_that_diverges_says_so_as_one_call_does(monkeypatch):
+    found = set()
+    for portion in (2000, 7, 1):
+        sim = hanging_box()
+        sim.body.nodes.velocity[~sim.body.nodes.is_pinned] = 1e-3
+        set_portion(monkeypatch, sim, portion)
+        with pytest.raises(gs.DivergenceError) as raised:
+            sim._take_substeps(40 * sim.stable_step, 2000)
+        assert f"finite in substep {sim.n_substeps + 1} of 2000" in str(raised.value)
+        assert sim.n_substeps > 14 and sim.time == pytest.approx(sim.n_substeps * 40 * sim.stable_step)
+        assert np.isfinite(sim.body.nodes.state).all()
+        found.add((sim.n_substeps, sim.body.nodes.state.tobytes()))
+    assert len(found) == 1
 
 
 def test_an_interrupt_is_heard_between_portions_and_the_clock_stays_true(monkeypatch):
     sim, twin = hanging_box(), hanging_box()
     step = sim.default_step / 5
-    monkeypatch.setattr(gs.simulation, "PORTION", 3 * sim.body.n_springs)
+    set_portion(monkeypatch, sim, 3)
     whole = sim.integrator.advance
 
     def interrupted(*given):
@@ -77,8 +104,8 @@ def test_an_interrupt_is_heard_between_portions_and_the_clock_stays_true(monkeyp
         with pytest.raises(KeyboardInterrupt):
             sim.advance(100 * step, step=step)
         assert sim.n_substeps == expected and sim.time == pytest.approx(expected * step)
-    twin.advance(6 * step, step=step)
-    twin.time = sim.time
+    for _ in range(2):
+        twin.advance(3 * step, step=step)
     assert_same_bits(bits_of(sim), bits_of(twin))
 
 
