@@ -42,11 +42,11 @@ def advance(table, rows, real, steps, n_substeps, tolerances, taken):
 def take_substeps(matter, step, n_substeps):
     """Take n_substeps of four stages each; whatever moves the nodes starts the forces of the stage to come.
 
-    v2, v3 and v4 being the velocities of the later stages, and a4 the acceleration of the last, the classical step leads to
+    With the stages' velocities v, v2, v3, v4 and accelerations a, a2, a3, a4, the classical step leads to
 
         x + step / 6 (v + 2 v2 + 2 v3 + v4)    and    v + ((v2 - v) + 2 (v3 - v) + (v4 - v)) / 3 + step / 6 a4
 
-    since each is v plus what a4's predecessors gave it. So v2 is all that is kept of stages gone by, and fewer bytes move.
+    since v2 - v = step / 2 a, v3 - v = step / 2 a2 and v4 - v = step a3. Of stages gone by only v2 is kept: fewer bytes move.
     """
     nodes, springs, n_nodes, n_springs = matter.nodes, matter.springs, matter.counts[N_NODES], matter.counts[N_SPRINGS]
     state, force = nodes.state, nodes.force
