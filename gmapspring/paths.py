@@ -23,7 +23,7 @@ def config_file(kind: str, name: str) -> pathlib.Path:
 def write_atomically(path: pathlib.Path, content: bytes) -> None:
     """Write a file beside its place and move it there: whoever reads it sees the old file or the new one."""
     if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path} cannot be written: there is no folder {path.parent}")
+        raise FileNotFoundError(f"there is no folder {path.parent}")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:
         with unfinished.open("wb") as stream:
