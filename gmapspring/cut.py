@@ -98,8 +98,11 @@ class CutReport:
 
     def __repr__(self) -> str:
         names = ("new_nodes", "new_springs", "boundary_faces", "removed_tetrahedra", "new_components")
-        counts = ", ".join(f"{len(getattr(self, name))} {name}" for name in names)
-        return f"CutReport({counts}, {self.n_removed_nodes} removed nodes, {self.n_removed_springs} removed springs)"
+        counts = [f"{len(getattr(self, name))} {name}" for name in names]
+        counts += [f"{self.n_removed_nodes} removed nodes", f"{self.n_removed_springs} removed springs"]
+        counts += [f"{len(moved)} moved {what}" for what, moved in (("nodes", self.moved_nodes), ("springs", self.moved_springs))
+                   if len(moved)]  # fmt: skip
+        return f"CutReport({', '.join(counts)})"
 
 
 def split_face(body: Body, tet_a: int, tet_b: int, keep_manifold: bool = False) -> CutReport:

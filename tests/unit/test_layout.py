@@ -56,6 +56,7 @@ def test_tetrahedra_find_what_they_found_before(dtype, terms):
     report = sim.renumber()
     assert len(report.moved_nodes) and len(report.moved_springs)
     assert len(report.new_nodes) == len(report.new_springs) == len(report.boundary_faces) == report.n_removed_nodes == 0
+    assert repr(report).endswith(f" {len(report.moved_nodes)} moved nodes, {len(report.moved_springs)} moved springs)")
     for one, other in zip(before, known_to_tetrahedra(sim), strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(labels, sim.components())
