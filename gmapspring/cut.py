@@ -24,9 +24,8 @@ from gmapspring.embedding import embed, merge_nodes
 from gmapspring.errors import TopologyError
 from gmapspring.jit import inlined_part, kernel, part
 from gmapspring.snapshot import load_arrays, save_arrays
-from gmapspring.topology.darts import CORNER_OF_DART
-from gmapspring.topology.gmap import check_sewable, link_characteristic, neighbour, singular_vertices
-from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold
+from gmapspring.topology.gmap import check_sewable, neighbour
+from gmapspring.topology.guard import check_sewing_stays_manifold, check_stays_manifold, excess_holes, vertices_more_pinched
 from gmapspring.topology.sewing import face_gluing, sew_faces, unsew_faces
 from gmapspring.topology.walks import ascending
 
@@ -223,12 +222,10 @@ def _cut_within_manifolds(body: Body, pairs: np.ndarray, removed: np.ndarray) ->
         for slot in slots:
             check_stays_manifold(body.gmap, slot // 4, slot % 4)
         return _cut(body, pairs, removed)
-    before, vertex_of, holes = save_arrays(body), body.gmap.vertex_of.copy(), _excess_holes(body)
+    before, vertex_of, holes = save_arrays(body), body.gmap.vertex_of.copy(), excess_holes(body.gmap)
     try:
         report = _cut(body, pairs, removed)
-        tets, local_darts = np.divmod(body.gmap.vertex_dart[: body.n_nodes], 24)
-        stems_from = vertex_of[tets, CORNER_OF_DART[local_darts]]
-        more_pinched = np.flatnonzero(np.bincount(stems_from, _excess_holes(body), len(holes)) > holes)
+        more_pinched = vertices_more_pinched(body.gmap, vertex_of, holes)
         if len(more_pinched):
             raise TopologyError(
                 f"{len(slots)} faces and {len(report.removed_tetrahedra)} tetrahedra cut at once would pinch the body at node "
@@ -238,14 +235,6 @@ def _cut_within_manifolds(body: Body, pairs: np.ndarray, removed: np.ndarray) ->
         load_arrays(body, before)
         raise
     return report
-
-
-def _excess_holes(body: Body) -> np.ndarray:
-    """Return how many holes the link of each vertex has that a sphere or a disc has not, (n_nodes,)."""
-    excess = np.zeros(body.n_nodes, dtype=np.int64)
-    singular = singular_vertices(body.gmap)
-    excess[singular] = 1 - link_characteristic(body.gmap)[singular]
-    return excess
 
 
 @kernel

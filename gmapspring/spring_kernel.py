@@ -29,7 +29,7 @@ from gmapspring.jit import part
 from gmapspring.matter import BLOCK
 
 HANDS = 16
-"""Of a whole block."""
+"""What a whole block is dealt to."""
 STRIDE = BLOCK // HANDS
 """How far springs that are added to their nodes one after the other lie apart."""
 WIDE, NARROW = ir.IntType(64), ir.IntType(32)
@@ -192,7 +192,7 @@ class _Emitter:
 
         Both ends are fetched as one number, the first being its lower half, as on all machines that numba compiles for; and they
         are shifted in 32 bits (there is room: darts are int32). Of longer numbers the compiler makes a shift for each use, where
-        the machine scales addresses by itself. Together that took a seventh off the second pass, on a Zen 4.
+        the machine scales addresses by itself. Together that took a sixth off the second pass, on a Zen 4.
         """
         b = self.builder
         pair = b.load(b.gep(b.bitcast(self.endpoints, WIDE.as_pointer()), [spring]))

@@ -99,7 +99,7 @@ def _check_same_partition(expected: np.ndarray, found: np.ndarray, name: str) ->
 
 def _pairs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the different pairs among numbers that are not negative, in two arrays that are broadcast, int64 (2, k)."""
-    # One number stands for a pair: sorting pairs themselves takes ten times as long.
+    # One number stands for a pair: to sort pairs themselves takes six times as long.
     width = int(second.max(initial=0)) + 1
     return np.stack(np.divmod(np.unique(first.astype(np.int64) * width + second), width))
 

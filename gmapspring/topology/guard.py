@@ -2,24 +2,28 @@
 
 A corner on the boundary must have a boundary edge among the edges of the cut there; without one, the cut would open a second
 hole in the corner's link, a disc would become an annulus, and the body would hang together at a point. A suture is judged by
-the counts it would leave: edges - faces + tetrahedra around a vertex is 1 for a disc, 2 for a sphere.
+the counts it would leave: edges - faces + tetrahedra around a vertex is 1 for a disc, 2 for a sphere. Of many cuts at once none
+can be judged beforehand: what they left is compared with what was.
 """
 
 import numpy as np
 
 from gmapspring.errors import TopologyError
 from gmapspring.jit import kernel, part
-from gmapspring.topology.darts import CORNER_EDGES, DARTS_AT_EDGE, EDGE_CORNERS
+from gmapspring.topology.darts import CORNER_EDGES, CORNER_OF_DART, DARTS_AT_EDGE, EDGE_CORNERS
 from gmapspring.topology.gmap import (
     EDGE,
     EDGES,
     FACES,
+    N_VERTICES,
     TETRAHEDRA,
     VERTEX,
     GMap,
     alpha3,
+    link_characteristic,
     link_faces,
     neighbour,
+    singular_vertices,
     unlink_face,
 )  # fmt: skip
 from gmapspring.topology.walks import code_of_dart, walk_edge
@@ -62,6 +66,24 @@ def check_stays_manifold(gmap: GMap, tetrahedron: int, face: int) -> None:
             f"{what} would pinch the body at node {gmap.vertex_of[tetrahedron, corner]}: "
             "cut an edge of it open to the surface first, or allow singular nodes with keep_manifold=False"
         )
+
+
+def excess_holes(gmap: GMap) -> np.ndarray:
+    """Return how many holes the link of each vertex has that a sphere or a disc has not, int64 (n_vertices,)."""
+    excess = np.zeros(gmap.counts[N_VERTICES], dtype=np.int64)
+    singular = singular_vertices(gmap)
+    excess[singular] = 1 - link_characteristic(gmap)[singular]
+    return excess
+
+
+def vertices_more_pinched(gmap: GMap, vertex_of: np.ndarray, holes: np.ndarray) -> np.ndarray:
+    """List the vertices of before a cut of which all that stems from them has more excess holes than they had, (k,).
+
+    vertex_of (n_tets, 4) and holes (n,): what they were before.
+    """
+    tetrahedra, local_darts = np.divmod(gmap.vertex_dart[: gmap.counts[N_VERTICES]], 24)
+    stems_from = vertex_of[tetrahedra, CORNER_OF_DART[local_darts]]
+    return np.flatnonzero(np.bincount(stems_from, excess_holes(gmap), len(holes)) > holes)
 
 
 @kernel

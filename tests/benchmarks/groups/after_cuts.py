@@ -19,6 +19,7 @@ N_CHECKED = 20
 """Steps after which positions are compared; little pieces that came off spin, and the more steps the more round-off grows."""
 LIMITS = {"float32": at_most(1.1), "float64": at_most(1.2)}
 LIMITED = ("liver", "20k")
+"""Sizes for which there are limits, and no renumbering is done for them."""
 TOLERATED = {"float64": 1e-9, "float32": 1e-2}
 MEANS = f"positions after {N_CHECKED} steps against an indexed model of the cut body, relative to the largest displacement"
 
